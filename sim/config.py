@@ -300,11 +300,24 @@ def load_vehicle(path: str | Path) -> VehicleConfig:
             f"{path}: a mission without the table [sim]: add one, or name a mission that has it"
         )
     where = f"{path}: sim" if "sim" in table else str(path)
-    config = read_table(VehicleConfig, table.get("sim", table), where)
+    config = read_table(VehicleConfig, _of_mission(table) if "sim" in table else table, where)
     if config.signing.key_file:
         key_file = str(Path(path).parent / Path(config.signing.key_file).expanduser())
         config = config.changed(signing=config.signing.changed(key_file=key_file))
     return _checked(config, where)
+
+
+def _of_mission(mission: Mapping[str, Any]) -> Any:
+    """Return the table [sim] of a mission. The mission's speed is the cruise speed of its plane,
+    unless the table gives another one."""
+    sim = mission["sim"]
+    flown = mission.get("vehicle")
+    if not isinstance(sim, dict) or not isinstance(flown, dict) or flown.get("kind") != "plane":
+        return sim
+    vehicle = sim.get("vehicle", {})
+    if not isinstance(vehicle, dict) or "speed_mps" not in flown:
+        return sim
+    return {**sim, "vehicle": {"cruise_speed_mps": flown["speed_mps"], **vehicle}}
 
 
 def _conflicts(config: VehicleConfig) -> Iterator[tuple[str, str]]:

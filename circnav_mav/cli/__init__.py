@@ -145,7 +145,7 @@ def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]
     "--shadow",
     is_flag=True,
     help="As --dry-run, but also request no streams: send only heartbeats and the values that a"
-    " ground station plots.",
+    " ground station plots. For a flight beside another controller, whose stream rates must stay.",
 )
 @_options_of_extensions
 def fly() -> None:
@@ -190,7 +190,7 @@ def init() -> None:
 @SET
 def check() -> None:
     """Check MISSION without flying it. Prints PASS, WARN or FAIL for each requirement, with the
-    value and its limit.
+    value and its limit. Exit codes: 0 no FAIL, 2 at least one FAIL, or bad usage or mission file.
 
     \b
     Example:
@@ -200,7 +200,7 @@ def check() -> None:
 
 @command(
     "circnav_mav.cli.preflight:preflight_file",
-    short_help="Check vehicle and ranging; send no command.",
+    short_help="Check vehicle and ranging; send no setpoint.",
 )
 @MISSION
 @ENDPOINT
@@ -208,8 +208,9 @@ def check() -> None:
 @click.option("--seconds", type=float, default=10.0, metavar="N", help="Listening time, s.")
 @click.option("-v", "--verbose", is_flag=True, help="Also print the checks that pass.")
 def preflight() -> None:
-    """Check the connected vehicle and its ranging against MISSION; send no command. Prints the
-    measured values, and WARN or FAIL for each check that does not pass.
+    """Check the connected vehicle and its ranging against MISSION. Requests streams and parameters,
+    and sends no setpoint and no mode request. Prints the measured values, and WARN or FAIL for each
+    check that does not pass.
 
     Checks identity, mode, streams, range noise and age, clocks, and the autopilot's parameters.
     Exit codes: 0 no FAIL, 2 bad mission, 3 no message of a vehicle received, 4 at least one FAIL.

@@ -9,7 +9,6 @@ from textwrap import wrap
 
 import click
 from circnav_sim.config import VehicleConfig, parse_vehicle
-from circnav_sim.starting import CRUISE_MPS
 
 from circnav_mav.cli.exits import Exit, Refused, say
 from circnav_mav.mav.autopilots.table import AUTOPILOTS
@@ -132,7 +131,7 @@ def _misfits(mission: Mission, config: VehicleConfig) -> Iterator[tuple[Grade, s
             ),
         )
         return
-    cruise = config.vehicle.cruise_speed_mps or CRUISE_MPS.get(profile, wanted.speed_mps)
+    cruise = config.vehicle.cruise_speed_mps or wanted.speed_mps
     # 0.05: largest accepted difference of the bundled plane's cruise speed from the mission's
     # speed, as a fraction of the mission's speed.
     if (

@@ -83,7 +83,8 @@ def close_flight(
     # files, which are no gaps in the recording.
     gaps = recorder.problem is not None
     summary = _summary(pilot, recorder, mission, epoch_us)
-    summary["notes"] = []
+    exit_result = pilot.exit_action.result(pilot.session)
+    summary["notes"] = [f"  exit       {exit_result}"] if exit_result else []
     summary["alarms"] = alarms
     for name, text in listeners.finish(summary).items():
         gaps |= not _written(summary, name, partial(write_text, folder / name, text))

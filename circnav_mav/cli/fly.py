@@ -127,7 +127,12 @@ def fly_mission(
             drawing = Drawing(folder) if isinstance(clock, Lockstep) else None
             alarms = AlarmLog(pilot, listeners)
             display = display_for(
-                Console(), pilot, listeners, mission.file.name, min(clock.speed, MOST_WATCHED)
+                Console(),
+                pilot,
+                listeners,
+                alarms,
+                mission.file.name,
+                min(clock.speed, MOST_WATCHED),
             )
             open_things.callback(display.close)
             listeners.attached += [alarms, display]

@@ -151,6 +151,8 @@ WHY = {
     ActiveLaw.TRIAL: "flying to the likeliest target position",
     ActiveLaw.DRIFT: "drift: target and drift are estimated",
 }
+LOST = "feedforward: target position lost"
+"""Reason for feedforward after the drift law has steered."""
 
 
 class Handover(NamedTuple):
@@ -405,6 +407,8 @@ class Steering:
         """Set the circle and the law. Raises ValueError as `StepSettings.of`, and if a user-defined
         law does not fit."""
         self._state = StepState()
+        self._located = False
+        """True once the drift law has steered."""
         self._own = None if isinstance(law, LawChoice) else law
         self._limit = orbit.max_turn_rate
         if isinstance(law, LawChoice):
@@ -439,6 +443,8 @@ class Steering:
         )
         self._state, command = step(self._state, self._settings, inputs)
         flies = self._state.handover.flies
+        self._located |= flies is ActiveLaw.DRIFT
         if flies is None or not self._settings.law.flies_relative_motion:
             return command
-        return command._replace(flies=flies.name.lower(), why=WHY[flies])
+        lost = self._located and flies is ActiveLaw.FEEDFORWARD
+        return command._replace(flies=flies.name.lower(), why=LOST if lost else WHY[flies])

@@ -10,7 +10,7 @@ from circnav_mav.guidance.own_code import OwnCodeError, StuckCodeError, turn_rat
 from circnav_mav.guidance.types import GRAVITY, OwnLaw, RangeEstimate
 from circnav_mav.guidance.vehicle_model import MEASUREMENT_DELAY
 from circnav_mav.mav.autopilots.interface import FOLLOWED
-from circnav_mav.mav.autopilots.table import REFUSED, allowed
+from circnav_mav.mav.autopilots.table import AUTOPILOTS, REFUSED, allowed
 from circnav_mav.mav.check_result import FAIL, PASS, WARN, Check, graded
 from circnav_mav.mav.ranging.driver import split_driver
 from circnav_mav.mission.checks_ranging import check_ranging
@@ -51,6 +51,12 @@ def _keys(mission: Mission) -> Iterator[Check]:
 def _vehicle(mission: Mission) -> Iterator[Check]:
     autopilot, kind = mission.vehicle_key
     able = allowed(autopilot, kind)
+    method = mission.file.vehicle.method
+    owners = [whose for whose, what in AUTOPILOTS if what.endswith(f" {method}")]
+    if method is not None and autopilot not in (*owners, "auto"):
+        words = f'vehicle.method = "{method}" is a method of {owners[0]}, not of {autopilot}'
+        yield Check(FAIL, "autopilot", f"{words}: omit the key")
+        return
     if not able:
         reason = REFUSED.get(
             (autopilot, kind), "MAVLink offers no way to steer this vehicle without its position"
@@ -197,11 +203,15 @@ def _turn_rate(mission: Mission) -> Iterator[Check]:
         f"the circle needs {degrees(needed):.2f} deg/s of the vehicle's {degrees(able):.2f} deg/s"
     )
     share = f"{100 * needed / able:.0f} %, must stay below 100 %"
-    yield Check(
-        graded(needed / able, warn_above=TURN_USED, fail_above=1.0),
-        "turn rate",
-        f"{words} ({share}){slips}",
-    )
+    grade = graded(needed / able, warn_above=TURN_USED, fail_above=1.0)
+    remedy = ""
+    if grade is FAIL:
+        remedy = f": a radius of {ceil(orbit.speed / able):g} m passes"
+        bank = mission.file.vehicle.max_bank_deg
+        # 5: bank limit, deg, below which the value may be in radians.
+        if bank is not None and bank < 5:
+            remedy += f"; vehicle.max_bank_deg = {bank:g} is in degrees"
+    yield Check(grade, "turn rate", f"{words} ({share}){slips}{remedy}")
     if mission.law.name == "switching" and mission.law.gain > orbit.max_turn_rate:
         words = (
             f"the law switches between ±{degrees(mission.law.gain):.2f} deg/s, more than the"

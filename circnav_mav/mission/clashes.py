@@ -22,7 +22,10 @@ def clashes(mission: Mission) -> Iterator[str]:
 def _of_endpoints(file: MissionFile) -> Iterator[str]:
     ranging = file.ranging
     if file.link.endpoint == SIM and file.sim is None:
-        yield f'link.endpoint: is "{SIM}": add a [sim] table that describes the vehicle'
+        yield (
+            f'link.endpoint: is "{SIM}": add a [sim] table that describes the bundled vehicle, or'
+            " set the endpoint of your vehicle"
+        )
     if ranging.endpoint == SIM and file.link.endpoint != SIM:
         yield (
             f'ranging.endpoint: is "{SIM}", but the vehicle is not the bundled one: --set'

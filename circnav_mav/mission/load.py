@@ -14,7 +14,7 @@ from pydantic import ValidationError, create_model
 from circnav_mav import foreign
 from circnav_mav.extension import table_models
 from circnav_mav.mission.clashes import clashes
-from circnav_mav.mission.mission import Mission
+from circnav_mav.mission.mission import SIM, Mission
 from circnav_mav.mission.problems import MOST_SHOWN, in_words
 from circnav_mav.mission.schema import MissionFile
 
@@ -155,11 +155,21 @@ def mission_of(table: Mapping[str, Any], where: str, text: str = "") -> Mission:
         file = whole_schema().model_validate(table)
     except ValidationError as error:
         raise MissionError(f"{where}: {in_words(error, whole_schema())}") from None
-    mission = Mission(file, text)
+    mission = Mission(_with_cruise_speed(file), text)
     if problems := list(clashes(mission)):
         raise MissionError(f"{where}: {'; '.join(problems)}")
     _check_numbers(mission, where)
     return mission
+
+
+def _with_cruise_speed(file: MissionFile) -> MissionFile:
+    """Return the file with the mission's speed as the cruise speed of the bundled plane, unless the
+    file gives another one."""
+    emulated = (file.sim or {}).get("vehicle", {})
+    if file.link.endpoint != SIM or file.vehicle.kind != "plane" or not isinstance(emulated, dict):
+        return file
+    vehicle = {"cruise_speed_mps": file.vehicle.speed_mps, **emulated}
+    return file.model_copy(update={"sim": {**(file.sim or {}), "vehicle": vehicle}})
 
 
 @cache

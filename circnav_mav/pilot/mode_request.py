@@ -74,6 +74,8 @@ class ExitAction:
         self.low = False
         """True near the ground, and after the vehicle has refused the exit action of the mission:
         the adapter's `low_exit` is requested."""
+        self.requested = False
+        """True once the exit action has begun."""
         self.failure: str | None = None
         """Reason why the exit action had no effect."""
 
@@ -81,6 +83,7 @@ class ExitAction:
         """Request the exit action. since: beginning of the phase LEAVING, s. Return True if the
         safe setpoint of this step is the last one."""
         action = self.named(session)
+        self.requested = True
         self._safe_left -= 1
         if action == STOP_SENDING:
             return self._safe_left <= 0
@@ -96,6 +99,16 @@ class ExitAction:
         if failure is not None:
             self.failure = f"exit action {action} {failure}"
         return failure is not None
+
+    def result(self, session: Session) -> str:
+        """Return the exit action and what the vehicle does after it. Empty if it has not begun."""
+        mode = session.vehicle.mode_name
+        action = self.named(session)
+        if not self.requested or self.failure is not None:
+            return ""
+        if action == STOP_SENDING:
+            return f"{action}: the vehicle stops in {mode}, take it over"
+        return f"{action}: the vehicle is in {mode}"
 
     def wait_to_send(self, since: float, now: float) -> bool:
         """Wait while nothing may be sent: after a stall, or while the vehicle's identity is

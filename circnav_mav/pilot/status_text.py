@@ -155,7 +155,8 @@ def _why_coasting(pilot: Pilot, now: float) -> str:
         )
     if jump := tracker.jumps.found:
         return f"no range for {waited:.1f} s: all ranges rejected, they jumped by {jump:+.0f} m"
-    return f"no range for {waited:.1f} s"
+    # the same number as in the alarm RANGE STALE
+    return f"no range for {waited if age is None else age:.1f} s"
 
 
 def _age_of_lost_data(pilot: Pilot, now: float) -> str:

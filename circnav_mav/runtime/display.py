@@ -4,7 +4,7 @@ delays a tick."""
 
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from math import degrees
 
@@ -17,20 +17,23 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.listeners import Listener, Listeners
 from circnav_mav.runtime.picture import Picture
-from circnav_mav.runtime.status import NewAlarms, Status, StatusSource, kind, shown
+from circnav_mav.runtime.status import AlarmLog, Status, StatusSource, kind, shown
 
 PATIENCE = 1.0
 """Longest wait for a stuck terminal at the end of the flight, s."""
 
 
 class PlainScreen:
-    """Prints one line for each status. Further lines report each new alarm, changed lines of
+    """Prints one line for each status. Further lines report each begun alarm, changed lines of
     listeners, and, after engaging, the trusted vehicle. The reason why the vehicle is not steered
     is reported if it lasts for two draws."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, begun: Sequence[Mapping[str, float | str]]) -> None:
+        """begun: alarms of the flight, which `AlarmLog` extends. An alarm may begin and end between
+        two lines."""
         self._console = console
-        self._alarms = NewAlarms()
+        self._begun = begun
+        self._alarms_printed = 0
         self._waits = ""
         self._ended = False
         self._newest: dict[str, str] = {}
@@ -51,11 +54,17 @@ class PlainScreen:
         self._waits = kind(status.view.waits)
         if self._waits == waits:
             self._print_new("WAITING", status.view.waits, waits)
-        for alarm in self._alarms.of(status.conditions).values():
-            self._print(f"  ALARM    {alarm}")
+        self._print_alarms()
 
     def close(self) -> None:
-        """Do nothing: no state to restore."""
+        """Print the alarms that began after the last status."""
+        self._print_alarms()
+
+    def _print_alarms(self) -> None:
+        """Print each begun alarm once."""
+        for alarm in self._begun[self._alarms_printed :]:
+            self._print(f"  ALARM    at {alarm['time_s']} s: {alarm['text']}")
+            self._alarms_printed += 1
 
     def _print_new(self, label: str, text: str, about: str) -> None:
         """Print a text with its label, unless the last text of this label had the same `about`."""
@@ -153,7 +162,12 @@ class Display(Listener):
 
 
 def display_for(
-    console: Console, pilot: Pilot, listeners: Listeners, title: str, speed: float
+    console: Console,
+    pilot: Pilot,
+    listeners: Listeners,
+    alarms: AlarmLog,
+    title: str,
+    speed: float,
 ) -> Display:
     """Return a live display for a terminal, else a plain one. speed: run seconds per real
     second."""
@@ -169,7 +183,7 @@ def display_for(
         )
         # 4: refreshes of the live picture per real second. More cannot be read.
         return Display(screen, pilot, listeners, speed / 4, last=True)
-    return Display(PlainScreen(console), pilot, listeners, speed, last=False)
+    return Display(PlainScreen(console, alarms.begun), pilot, listeners, speed, last=False)
 
 
 def one_line(status: Status) -> str:

@@ -101,7 +101,8 @@ def test_check_wraps_long_lines_at_words(monkeypatch):
         ("px4-copter", ["sim.vehicle.profile=arducopter"], ["FAIL"]),
         ("plane", ["sim.wind.speed_mps=30"], ["WARN"]),
         ("copter", ["sim.target.velocity_east_mps=30"], ["WARN"]),
-        ("plane", ["vehicle.speed_mps=18"], ["WARN"]),
+        ("plane", ["vehicle.speed_mps=18"], []),  # the bundled plane cruises at the same speed
+        ("plane", ["sim.vehicle.cruise_speed_mps=18"], ["WARN"]),
         ("copter", ["sim.wind.speed_mps=30"], ["WARN"]),  # it holds its speed over ground
         ("plane", ["sim.vehicle.profile=arducopter", "link.endpoint=udpin:0.0.0.0:14550"], []),
         (

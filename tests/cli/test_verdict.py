@@ -69,7 +69,7 @@ def verdict_of(**changes: Any) -> str:
             {"output_mode": "dry run", "flown_s": 120.0, "steered_s": 70.0},
             "would have steered for 70 s",
         ),
-        ({}, "600 accepted, 3 rejected (3 gated)\n"),
+        ({}, "600 accepted, 3 rejected (3 gated (outliers))\n"),
         (
             {"samples_rejected": {"wrong_source": 599}},
             "0 rejected (none); 599 of other senders ignored",

@@ -65,7 +65,8 @@ def lost(at: float, away: float, hold: float) -> list[Truth]:
     flown.fly(at + STALE + hold + 30.0, watch)
     assert alarmed[0] - at < 5.0
     assert flown.outcome.ending is Ending.ABORTED
-    assert flown.outcome.reason == f"no range for {hold:.1f} s"
+    missing = float(flown.outcome.reason.removeprefix("no range for ").removesuffix(" s"))
+    assert missing == pytest.approx(STALE + hold, abs=0.5)
     assert flown.pilot.mission.phase is Phase.ENDED
     assert flown.vehicle.truth.mode == flown.pilot.session.adapter.exits["loiter"]
     return [truth for truth in flown.truths if alarmed[0] < truth.time < at + hold]

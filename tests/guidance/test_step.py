@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from circnav_mav.guidance.maths import chord
-from circnav_mav.guidance.step import LawChoice, Steering, coasting, compensate_turn_gain, limited
+from circnav_mav.guidance.step import (
+    LOST,
+    LawChoice,
+    Steering,
+    coasting,
+    compensate_turn_gain,
+    limited,
+)
 from circnav_mav.guidance.turn_response import Pending
 from circnav_mav.guidance.types import Direction, Orbit, RangeEstimate
 from circnav_mav.guidance.vector_field import drift, drift_gains
@@ -105,6 +112,7 @@ def test_steering_reports_active_law_of_auto_and_drift():
     assert command.turn_rate == feedforward(estimate(150.0, -3.0)).turn_rate < 0
     assert (command.flies, bool(command.why)) == ("feedforward", True)
     assert auto(estimate(150.0, -3.0, 0.05, known(x=150.0))).flies == "drift"
+    assert auto(estimate(150.0, -3.0, 0.1)).why == LOST
     assert {drift(estimate(150.0, -3.0, 0.1 * i, untrusted())).flies for i in range(60)} == {
         "feedforward"
     }

@@ -162,6 +162,17 @@ def test_check_grade_changes_at_documented_bound(mission, subject, overrides, gr
             " ".join([*PLANE, "vehicle.max_turn_rate_deg_s=90"]),
             "needs 8.59 deg/s of the vehicle's 26.97 deg/s (32 %, .*; it turns 0.72 times",
         ),
+        ("turn rate", turn(1.245), "must stay below 100 %): a radius of 125 m passes"),
+        (
+            "turn rate",
+            "vehicle.kind=plane vehicle.max_bank_deg=0.8",
+            "m passes; vehicle.max_bank_deg = 0.8 is in degrees",
+        ),
+        (
+            "autopilot",
+            " ".join([*PLANE, "vehicle.method=stick"]),
+            'vehicle.method = "stick" is a method of px4, not of ardupilot: omit the key',
+        ),
         # slant range of a radius of 300 m at a height of 400 m: 500 m
         ("reach", "orbit.radius_m=300 orbit.height_above_target_m=400", "500.0 m, .* (76 %, at"),
         # d rho = slant/rho d slant - h/rho dh

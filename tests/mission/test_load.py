@@ -53,6 +53,16 @@ def test_paper_examples_contain_values_of_the_paper(config, example, law, k, set
     assert random == {"north_m": [0.0, 10.0], "east_m": [0.0, 10.0], "heading_deg": [0.0, 360.0]}
 
 
+@pytest.mark.parametrize("name", ["arduplane", "home", "px4_copter_nogps"])
+def test_commented_wind_and_events_of_bundled_mission_are_valid(config, name):
+    text, end = (config / f"{name}.toml").read_text().split("[sim]", 1)
+    end = re.sub(r"^# (?=\[|\w+ = )", "", end, flags=re.MULTILINE)
+    sim = parse_mission(f"{text}[sim]{end}", "m.toml").file.sim
+    vehicle = parse_vehicle(sim, "sim")
+    assert vehicle.wind.speed_mps > 0 and vehicle.wind.gust_rms_mps > 0
+    assert {"mode", "mute_ranging"} <= {event.action for event in vehicle.events}
+
+
 # --- meaning of a file
 
 
@@ -387,8 +397,9 @@ def test_mission_keys_refuse_nan_and_infinity(text, value):
         ("bounds.min_altitude_m=50 bounds.max_altitude_m=50", "bounds.min_altitude_m: 50 is not"),
         (
             "bounds.min_range_m=300 bounds.max_range_m=200 link.endpoint=sim",
-            'link.endpoint: is "sim": add a [sim] table that describes the vehicle; '
-            "bounds.min_range_m: 300 is not below bounds.max_range_m = 200",
+            'link.endpoint: is "sim": add a [sim] table that describes the bundled vehicle, or set'
+            " the endpoint of your vehicle; bounds.min_range_m: 300 is not below bounds.max_range_m"
+            " = 200",
         ),
     ],
 )

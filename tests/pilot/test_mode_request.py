@@ -163,6 +163,7 @@ def test_exit_action_sends_safe_setpoints_until_mode_change():
     rig.acknowledge(SET_MODE)
     assert rig.run(0.5, mode=RTL).pilot.done
     assert rig.pilot.mission.outcome.reason == "SIGINT"
+    assert rig.pilot.exit_action.result(rig.pilot.session) == "rtl: the vehicle is in RTL"
 
 
 def test_exit_action_is_requested_despite_unanswered_mode_request():

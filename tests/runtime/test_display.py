@@ -10,7 +10,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runtime import display as display_module
 from circnav_mav.runtime.display import Display, LiveScreen, PlainScreen, display_for
 from circnav_mav.runtime.listeners import Listeners
-from circnav_mav.runtime.status import StatusSource
+from circnav_mav.runtime.status import AlarmLog, StatusSource
 from tests.flight.lockstep import flight
 from tests.process import PATIENCE
 
@@ -115,6 +115,7 @@ def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):
             Console(file=io.StringIO(), force_terminal=is_terminal),
             pilot,
             Listeners(),
+            AlarmLog(pilot, Listeners()),
             "small",
             1.0,
         )
@@ -125,7 +126,8 @@ def test_picture_is_drawn_only_on_capable_terminal(monkeypatch):
 def test_plain_status_lines_are_printed_once_per_second():
     flown = flight("quickstart", "limits.duration_s=7.5")
     console = Console(record=True, width=300, file=io.StringIO())
-    display = display_for(console, flown.pilot, Listeners(), "small", 1.0)
+    alarms = AlarmLog(flown.pilot, Listeners())
+    display = display_for(console, flown.pilot, Listeners(), alarms, "small", 1.0)
 
     def show_and_let_print(now):
         showing(display)(now)
@@ -147,23 +149,40 @@ def test_plain_status_lines_are_printed_once_per_second():
 
 def printed(statuses):
     console = Console(width=80, file=io.StringIO(), color_system=None)
-    screen = PlainScreen(console)
+    screen = PlainScreen(console, [])
     for status in statuses:
         screen.draw(status)
     return console.file.getvalue()
 
 
-def test_plain_output_shows_each_alarm_once(statuses):
-    assert printed(statuses(9.0, event="outage")).count("  ALARM    RANGE STALE ") == 1
+def test_plain_output_shows_waiting_text_once(statuses):
     waiting = printed(statuses(4.0, "engage.request_mode=false"))
     assert waiting.count("  WAITING  mode GUIDED: the operator must enter it") == 1
     assert waiting.count("  WAITING") <= 2
 
 
+def test_plain_output_shows_each_alarm_once_even_between_lines():
+    """The outage of 4 s begins and ends between two lines."""
+    events = '{at_s=6.0, action="mute_ranging"}, {at_s=10.0, action="unmute_ranging"}'
+    flown = flight("quickstart", f"sim.events=[{events}]")
+    console = Console(width=300, file=io.StringIO())
+    alarms = AlarmLog(flown.pilot, Listeners())
+    display = display_for(console, flown.pilot, Listeners(), alarms, "small", 30.0)
+
+    def show(flown):
+        step = flown.ticks[-1] if flown.ticks else None
+        for listener in (alarms, display):
+            listener.on_step(step, LoopStep(flown.now), None)
+
+    flown.fly(20.0, show)
+    display.close()
+    assert console.file.getvalue().count(": RANGE STALE ") == 1
+
+
 def test_plain_status_lines_end_with_flight():
     flown = flight("quickstart", "limits.duration_s=2.0").fly(40.0)
     out = io.StringIO()
-    screen = PlainScreen(Console(file=out, width=200))
+    screen = PlainScreen(Console(file=out, width=200), [])
     watch = StatusSource(flown.pilot, Listeners())
     for second in range(30):
         screen.draw(watch.status(flown.ticks[-1], flown.now + second))

@@ -41,9 +41,13 @@ def test_mistake_in_vehicle_file_gives_one_line_message(table, complaint):
 
 def test_sim_table_of_mission_is_used(tmp_path):
     mission = tmp_path / "mission.toml"
-    mission.write_text("[orbit]\nradius_m = 80\n[sim]\nseed = 4\n[sim.start]\nnorth_m = 12\n")
+    mission.write_text(
+        '[vehicle]\nkind = "plane"\nspeed_mps = 14.0\n[orbit]\nradius_m = 80\n[sim]\nseed = 4\n'
+        "[sim.start]\nnorth_m = 12\n"
+    )
     config = load_vehicle(mission)
     assert (config.seed, config.start.north_m) == (4, 12.0)
+    assert config.vehicle.cruise_speed_mps == 14
 
 
 @pytest.mark.parametrize(

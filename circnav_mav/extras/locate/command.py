@@ -57,7 +57,9 @@ def locate_log(
         options = ReadOptions(name_of(range_name, flown), unit, vehicle)
         with progress(f"reading {source.name}"):
             logs = read(source, options)
+        above = None
         if flown is not None:
+            above = flown.file.orbit.height_above_target_m
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
             altitude = flown.file.orbit.target_altitude_m if altitude is None else altitude
         calibration = Calibration() if flown is None else flown.file.ranging.calibration
@@ -77,12 +79,15 @@ def locate_log(
         for log, tag in jobs:
             if tags and tag not in tags:
                 continue
-            ground = float(log.track(log.plane()).up.min())
+            heights = log.track(log.plane()).up
+            up = altitude
+            if up is None and above is not None:
+                up = float(np.median(heights)) - above
             # 0.5: standard deviation of the offset between the clocks of positions and ranges, s:
             # these clocks are not synchronized.
             known = Knowledge(
-                up=ground if altitude is None else altitude,
-                up_sigma=50.0 if altitude is None else 1.0,
+                up=float(heights.min()) if up is None else up,
+                up_sigma=50.0 if up is None else 1.0,
                 gps_sigma=gps_sigma,
                 bias_sigma=bias,
                 delay_sigma=0.5,

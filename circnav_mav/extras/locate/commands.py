@@ -55,7 +55,8 @@ OUT = click.option(
     type=ERROR,
     default=2.0,
     metavar="M",
-    help="Standard deviation of a constant error that all ranges share.",
+    help="Assumed standard deviation, m, of the constant error (bias) of all ranges. Larger: the"
+    " bias is estimated more from the log.",
 )
 @click.option(
     "--altitude",

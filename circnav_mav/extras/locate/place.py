@@ -159,7 +159,7 @@ class Place:
         share = f" ({100 * abs(error) / far:.0f} %)" if far > 0 else ""
         return (
             f"{abs(error):.2f} ±{sigma:.2f} m{share} too {'long' if error > 0 else 'short'} at"
-            f" {far:.0f} m"
+            f" the median distance of {far:.0f} m"
         )
 
     @property

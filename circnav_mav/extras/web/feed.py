@@ -78,7 +78,8 @@ class LivePage(Listener):
         missing = [package for package in NEEDED if importlib.util.find_spec(package) is None]
         if missing:
             raise WebError(
-                f"--web needs the package {' and '.join(missing)}: pip install {' '.join(missing)}"
+                f"--web needs the package{'s' * (len(missing) > 1)} {' and '.join(missing)}:"
+                f" pip install {' '.join(missing)}"
             )
         self._watch = StatusSource(pilot, listeners)
         self._listeners = listeners

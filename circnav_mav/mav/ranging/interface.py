@@ -45,15 +45,16 @@ EXPLAINED = frozenset({Reject.AMBIGUOUS.value, Reject.NO_HEIGHT.value})
 RATE_SIGMA = 0.3
 """Assumed standard deviation of a measured range rate, m/s, until the noise is measured in
 flight."""
-_CLOCK = frozenset({Reject.STAMP_JUMP.value, Reject.CLOCK.value})
+_MEANING = {
+    Reject.GATED.value: " (outliers)",
+    Reject.STAMP_JUMP.value: " (sensor clock stepped)",
+    Reject.CLOCK.value: " (sensor clock stepped)",
+}
 
 
 def describe_rejected(rejected: Mapping[str, int]) -> str:
     """Return the number of rejected ranges by reason, human-readable."""
-    counts = (
-        f"{count} {reason}{' (sensor clock stepped)' if reason in _CLOCK else ''}"
-        for reason, count in rejected.items()
-    )
+    counts = (f"{count} {reason}{_MEANING.get(reason, '')}" for reason, count in rejected.items())
     return ", ".join(counts) or "none"
 
 

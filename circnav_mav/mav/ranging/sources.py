@@ -187,9 +187,10 @@ class RangeSources:
 
 
 def differences(sources: list[RangeSource]) -> list[str]:
-    """Return the mission keys that distinguish these sources."""
+    """Return the mission keys that distinguish these sources, the component first: an autopilot
+    that repeats the ranges of a radio may change the other fields."""
     return [
         f"ranging.{key}"
-        for key in sources[0].keys
+        for key in sorted(sources[0].keys, key=lambda key: key != "component_id")
         if len({source.keys[key] for source in sources}) > 1
     ]

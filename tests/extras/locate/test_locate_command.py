@@ -96,7 +96,7 @@ def distances(ms, r):
         )
 
 
-def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
+def as_run(folder, track, ranges, sigma=0.5, altitude=400.0, height=None):
     """Write a run folder with a radio that sends ranges under a name, and with messages of
     circnav's locator."""
 
@@ -104,9 +104,10 @@ def as_run(folder, track, ranges, sigma=0.5, altitude=400.0):
         yield 1, mavlink.MAVLink_named_value_float_message(ms, b"UWB", r)
         yield 194, mavlink.MAVLink_named_value_float_message(ms, b"CN_TEAST", 30.0)
 
-    text = TEXT.replace("[orbit]", f"[orbit]\ntarget_altitude_m = {altitude}").replace(
-        "_m = 0.5", f"_m = {sigma}"
-    )
+    known = f"target_altitude_m = {altitude}"
+    if height is not None:
+        known = f"height_above_target_m = {height}"
+    text = TEXT.replace("[orbit]", f"[orbit]\n{known}").replace("_m = 0.5", f"_m = {sigma}")
     (folder / "mission.toml").write_text(
         text.replace('"distance_sensor"', '"named_value_float"\nname = "UWB"')
     )
@@ -227,6 +228,7 @@ def test_locate_of_run_uses_noise_and_altitude_of_mission(tmp_path):
         hypot(100, 40) - hypot(100, 20), rel=0.3
     )
     assert found("--altitude", 400, altitude=420.0) == right
+    assert found(height=40.0)["altitude_m"] == pytest.approx(right["altitude_m"], abs=0.5)
     assert found("--sigma", 0.5, sigma=5.0) == right
 
 
