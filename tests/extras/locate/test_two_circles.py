@@ -8,12 +8,13 @@ from tests.extras.locate.flown import locating_flight
 
 ON_CIRCLE = ("sim.start.north_m=100", "sim.start.east_m=0", "sim.start.heading_deg=90")
 LOCATED = (*ON_CIRCLE, "sim.sensors.gps_error_m=0.02", "sim.ranging.bias_m=1.5")
+LONG = "limits.duration_s=180"
 
 
 def test_second_circle_separates_target_height_and_range_bias():
     """The target is 584 m above the sea and 30 m below the vehicle. All ranges are 1.5 m too
     long."""
-    flown = locating_flight(*("quickstart", *LOCATED), law="feedforward")
+    flown = locating_flight(*("quickstart", *LOCATED, LONG), law="feedforward")
     flown.solve_from = 1e9
     flown.fly(56.0)
     one = flown.solve()

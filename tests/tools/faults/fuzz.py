@@ -120,6 +120,7 @@ class Target:
             mavlink.MAVLink_heartbeat_message(vehicle.kind, vehicle.autopilot, 129, mode, 4, 3),
             mavlink.MAVLink_attitude_message(ms, 0.1, 0.0, self.now % 3.0, 0, 0, 0.2),
             mavlink.MAVLink_vfr_hud_message(20.0, 20.0, 90, 50, 60.0, 0.0),
+            mavlink.MAVLink_extended_sys_state_message(0, mavlink.MAV_LANDED_STATE_IN_AIR),
         )
         sent = [write(message, *VEHICLE_IDS) for message in messages]
         for frame in sent:
