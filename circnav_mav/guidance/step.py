@@ -290,15 +290,9 @@ def _with_relative_motion(
         share = dt / (CHANGE_TIME + dt) if last.flies is ActiveLaw.DRIFT else 1.0
         drift_x = before.drift_x + share * (relative.drift_x - before.drift_x)
         drift_y = before.drift_y + share * (relative.drift_y - before.drift_y)
-        # The drift law corrects the command for a change of the drift. A drift estimated from
-        # accelerations also contains the side-slip, which changes with every roll because the nose
-        # turns before the path. When this change was corrected like a change of the wind, the roll
-        # of ArduPlane oscillated with 18 deg at 0.85 Hz, for minutes. So the more the estimate uses
-        # the accelerations, the less the change is used.
-        rate = (1 - relative.acceleration_weight) / CHANGE_TIME
         change = (
-            rate * (relative.drift_x - drift_x),
-            rate * (relative.drift_y - drift_y),
+            (relative.drift_x - drift_x) / CHANGE_TIME,
+            (relative.drift_y - drift_y) / CHANGE_TIME,
         )
         drift_turn = _by_drift(settings, relative, change, inputs)
     handover = next_handover(
