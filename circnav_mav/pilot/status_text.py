@@ -76,9 +76,9 @@ def height_differs(pilot: Pilot, now: float) -> str:
     given = pilot.settings.file.orbit.height_above_target_m
     assumed = pilot.height(now)
     found = pilot.airborne.height(now) if pilot.session.adapter.flies else None
-    # 0.2: largest difference without a text, as a share of the assumed height.
     if given is None or assumed is None or found is None:
         return ""
+    # 0.2: largest difference without a text, as a share of the assumed height.
     if abs(found - assumed) <= 0.2 * abs(assumed):
         return ""
     squared = pilot.controller.circle.radius**2 + assumed**2 - found**2

@@ -15,7 +15,7 @@ def test_notebook_that_compares_own_law_runs_completely(monkeypatch):
     shown = []
 
     def show():
-        """Do as the inline backend of Jupyter, whose outputs are image/png."""
+        """Draw all open figures as PNG, as Jupyter's inline backend does."""
         for number in pyplot.get_fignums():
             with BytesIO() as file:
                 pyplot.figure(number).savefig(file, format="png")

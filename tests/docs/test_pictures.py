@@ -15,7 +15,7 @@ FLIGHTS = {
     "fleet.png": pictures.fly_fleet,
 }
 LONG = {"paper_example_3.png", "fleet.png", "report.png", "live-desktop.png"}
-"""Pictures whose flights take much processor time."""
+"""Pictures that only the nightly tests compare, because their flights take much processor time."""
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,8 @@ def test_quadplane_is_engaged_only_in_forward_flight(state: int) -> None:
 
 
 def test_old_landed_state_does_not_prevent_engagement() -> None:
-    """The stream of the landed state stops while the copter stands on the ground."""
+    """The newest landed state says that the copter is on the ground. Then the stream of this state
+    stops, and the copter takes off."""
     later = '{at_s=8.0,action="arm"}', '{at_s=9.0,action="throttle",value=0.9}', STICK[2]
     flown = from_ground("arducopter", "LOITER", later)
     flown.hears = lambda frame, now: now < 6.0 or message_ids(frame) != [LANDED_STATE]

@@ -139,7 +139,7 @@ def test_auto_law_delays_hypothesis_trial_while_drift_is_remembered(r, r_dot, re
     assert flown[-1] == "trial"
 
 
-def test_search_time_starts_when_path_is_known_again():
+def test_search_time_begins_after_outage_of_uplink():
     """A copter hovers during an outage of its uplink. Its path is then unknown, so no search runs.
     The search time begins when the path is known again."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))

@@ -64,8 +64,8 @@ class _Received:
         self.at = 0.0
         self.picked = False
         self.slant: float | None = None
-        # 256: number of newest ranges that are kept, a quarter of a second at 1 kHz. An autopilot
-        # whose ranges repeat them forwards this source, and is not a second source.
+        # 256: number of newest ranges that are kept, a quarter of a second at 1 kHz. If the ranges
+        # of an autopilot repeat these, the autopilot forwards this source, and is no second source.
         self.slants: deque[float] = deque(maxlen=256)
         self.repeats: deque[bool] = deque(maxlen=JUDGED)
         """Autopilots only: for each of its newest ranges, True if it repeats a range of a radio."""

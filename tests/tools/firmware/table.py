@@ -165,7 +165,8 @@ def fly(name: str, seed: int, out: Path, extra: list[str]) -> Result:
 
 
 def commit() -> str | None:
-    """Return the commit of this checkout, with "-dirty" if files differ. None outside of one."""
+    """Return the commit of this checkout, with "-dirty" if files differ from it. Outside of a
+    checkout, return None."""
     command = ["git", "describe", "--always", "--dirty", "--exclude=*"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     return done.stdout.strip() or None
