@@ -243,7 +243,7 @@ def _contest(
     best = _best(fit.chi2, penalty, len(problem.ranges.r))
     place = problem.place(fit.x[best], fit.chi2[best], prior[best], plane, len(ranges.r))
     if place is not None and not place.moves:
-        place = _with_doubt(place, fit, prior, best)
+        place = _with_model_uncertainty(place, fit, prior, best)
     same = np.all(prior == prior[best], axis=1)
     others = fit.x[same & (fit.chi2 < fit.chi2[best] + AMBIGUOUS)]
     if place is None:
@@ -261,7 +261,7 @@ def _best(chi2: Array, penalty: Array, count: int) -> int:
     return int(np.argmin(scale * chi2 + penalty * (1 + count / 200)))
 
 
-def _with_doubt(place: Place, fit: "Fit", prior: Array, best: int) -> Place:
+def _with_model_uncertainty(place: Place, fit: "Fit", prior: Array, best: int) -> Place:
     """Return the place with a larger covariance if another hypothesis fits much better (by
     `AMBIGUOUS`) before its penalty. The displacement to the place of that fit is then a part of the
     error."""
