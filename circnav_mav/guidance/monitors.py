@@ -169,6 +169,7 @@ class LapAlarm(NamedTuple):
     newest: newest estimate, None while the vehicle is not engaged.
     turned: turn of the heading since the beginning of the lap, rad.
     path: path length through the air since the beginning of the lap, m.
+    blown: integral of the squared drift over airspeed along this path, m.
     least, most: smallest and largest range since the beginning of the lap, m.
     by_ranges: radius of the newest complete lap by the ranges, m.
     by_turns: radius of the newest complete lap by airspeed and turns, m.
@@ -178,6 +179,7 @@ class LapAlarm(NamedTuple):
     newest: RangeEstimate | None = None
     turned: float = 0.0
     path: float = 0.0
+    blown: float = 0.0
     least: float = inf
     most: float = 0.0
     by_ranges: float = 0.0
@@ -206,18 +208,23 @@ def watch_lap(alarm: LapAlarm, estimate: RangeEstimate | None, tolerance: float)
     # Use the measured airspeed: the estimated airspeed scale adapts to wrong ranges.
     airspeed = motion.airspeed / motion.scale
     turned = alarm.turned + wrap(motion.heading - before.relative.heading)
-    path = alarm.path + airspeed * (estimate.time - before.time)
+    flown = airspeed * (estimate.time - before.time)
+    path = alarm.path + flown
+    # w: drift over airspeed. Its square is averaged over the lap: when the wind changes, most of
+    # the lap was flown in the previous wind.
+    w = min(motion.drift / airspeed, 0.9) if motion.trusted else 0.0
+    blown = alarm.blown + w**2 * flown
     least = min(alarm.least, estimate.r)
     most = max(alarm.most, estimate.r)
     # If the range changes during a full turn, the vehicle does not circle the target.
     if most - least > 0.1 * least:
         return lap
     if abs(turned) < 2 * pi:
-        return lap._replace(turned=turned, path=path, least=least, most=most)
-    # w: drift over airspeed. In this drift the mean duration of a lap is (1 - w^2/4)/(1 - w^2)
-    # times that in still air, up to terms of fourth order.
-    w = min(motion.drift / airspeed, 0.9) if motion.trusted else 0.0
-    by_turns = path / (2 * pi) * (1 - w**2) / (1 - w**2 / 4)
+        return lap._replace(turned=turned, path=path, blown=blown, least=least, most=most)
+    # In the drift w the mean duration of a lap is (1 - w^2/4)/(1 - w^2) times that in still air, up
+    # to terms of fourth order.
+    square = blown / path
+    by_turns = path / (2 * pi) * (1 - square) / (1 - square / 4)
     if most - least > 0.1 * by_turns:
         return lap
     by_ranges = (most + least) / 2

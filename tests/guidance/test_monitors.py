@@ -80,13 +80,15 @@ def test_airspeed_alarm_needs_change_of_drift_along_nose(wind, before, after, is
     assert alarm.on is is_raised
 
 
-def after_laps(radius, ranges, wind=0.0, laps=1.2):
+def after_laps(radius, ranges, wind=0.0, laps=1.2, new_wind=None):
     """Return the alarm after laps on a circle of a true radius (m), with estimates at 10 Hz. The
     ranges (m) have another length, and the estimated airspeed scale has adapted to them. The wind
-    blows to the north."""
+    blows to the north. After 0.9 laps it may have a new strength (m/s)."""
     alarm = LapAlarm()
     angle = 0.0
     for at in range(100_000):
+        if new_wind is not None and angle > 0.9 * 2 * pi:
+            wind = new_wind
         # ground speed along the circle, which the wind increases on its eastern side
         ground = sqrt(V**2 - (wind * sin(angle)) ** 2) + wind * cos(angle)
         if angle > laps * 2 * pi:
@@ -104,6 +106,11 @@ def test_lap_alarm_finds_true_radius_by_turn_rate(radius, ranges, wind):
     alarm = after_laps(radius, ranges, wind)
     assert alarm.on == (radius != ranges)
     assert alarm.by_turns == pytest.approx(radius, rel=0.02) and alarm.by_ranges == ranges
+
+
+def test_lap_alarm_stays_silent_when_wind_rises():
+    alarm = after_laps(150.0, 150.0, wind=3.0, new_wind=9.0)
+    assert not alarm.on and alarm.by_turns == pytest.approx(150.0, rel=0.05)
 
 
 def test_lap_alarm_needs_whole_lap_around_target():
