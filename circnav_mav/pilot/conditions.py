@@ -29,7 +29,6 @@ LOST = {
     ),
     "airspeed": "NO AIRSPEED from the vehicle: vehicle.speed_mps is used instead",
     "altitude": "NO ALTITUDE from the vehicle: no climb is commanded",
-    "climb": "NO CLIMB RATE from the vehicle: the commanded pitch is not corrected for it",
 }
 """Alarms for telemetry that a steered vehicle no longer sends."""
 ATTITUDE_RATE_LOW = (
