@@ -259,5 +259,9 @@ class Mission:
         # 0.5: largest useful standard deviation of a range, as a share of the radius.
         most = max(0.5 * self.orbit.radius, 3 * self.file.ranging.sigma_m)
         return RangingSettings(
-            **given, max_age=self.stale, max_sigma=most, calibration=self.file.ranging.calibration
+            **given,
+            max_age=self.stale,
+            max_sigma=most,
+            calibration=self.file.ranging.calibration,
+            apart=self.ranging_apart,
         )

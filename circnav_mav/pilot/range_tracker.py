@@ -11,9 +11,8 @@ from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeEstimate, RangeSample, RateSample
 from circnav_mav.mav.clocks import no_link_delay
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.identity import RADIO_NAME
 from circnav_mav.mav.ranging.interface import Reject
-from circnav_mav.mav.ranging.reader import Accepted, RangeRateReader, RangeReader
+from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.session import Session
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.height import Height
@@ -32,19 +31,19 @@ class RangeTracker:
     step."""
 
     def __init__(self, settings: Mission, session: Session) -> None:
+        self._settings = settings
         self._session = session
-        self._apart = settings.ranging_apart
-        self._stale = settings.stale
         speed = settings.orbit.speed
         max_turn_rate = settings.orbit.max_turn_rate
         self.noise = NoiseCheck.of_ranges(speed, max_turn_rate)
-        self._needs_altitude = settings.file.orbit.needs_altitude
         self.height = Height(settings.file.orbit)
-        slower = no_link_delay if self._apart else session.timesync.slower
+        slower = no_link_delay if settings.ranging_apart else session.timesync.slower
         # 0.5: smallest jump of the range that is rejected, as a share of the radius. Noise of this
         # size is rejected, too.
         self.jumps = JumpGate(speed, 0.5 * settings.orbit.radius)
-        self.ranging = RangeReader(settings.ranging, self.noise, slower, self.jumps.reach)
+        self.ranging = RangeReader(
+            settings.ranging, session.identity, self.noise, slower, self.jumps.reach
+        )
         self.rates = RangeRateReader(
             settings.ranging, self.ranging, NoiseCheck.of_rates(speed, max_turn_rate), speed
         )
@@ -53,11 +52,10 @@ class RangeTracker:
         # between are merged, because each added range causes a setpoint and takes 1 to 2 ms of
         # processor time.
         self._thinning = Thinning(0.75 * settings.file.limits.tick)
-        self.newest: RangeSample | None = None
         # 64: number of newest ranges that are stored, as many as one datagram of a slow link may
         # contain.
         self.recent: deque[RangeSample] = deque(maxlen=64)
-        """Newest ranges added to the estimator."""
+        """Newest ranges that the estimator accepted."""
         self.newest_rate: RateSample | None = None
         self.fresh = False
         self.estimate: RangeEstimate | None = None
@@ -76,31 +74,14 @@ class RangeTracker:
             ranges, because the engagement waits for a shorter round trip.
         """
         height = self.height.at(now)
-        identity = self._session.identity
-        peer = None if self._apart else identity.peer
         if self.rates.carries(message):
             rate = self.rates.read(message, now, height=height, source=source)
-            before = self.newest_rate
-            apart = (
-                rate is None or before is None or rate.time - before.time >= self._thinning.period
-            )
-            if rate is not None and not stalled and apart:
-                self.newest_rate = rate
-                self.estimator.observe_rate(rate)
+            if rate is not None and not stalled:
+                self._take_rate(rate)
             return False
-        answer = self.ranging.read(
-            message,
-            now,
-            height=height,
-            other_vehicles=None if self._apart else identity.other_vehicles,
-            one_way=self.one_way if begun else 0.0,
-            source=source,
-            vehicle=peer.source if peer else None,
-        )
-        if not isinstance(answer, Accepted):
-            rival = None if answer is None else answer.rival
-            if rival is not None and self.ranging.trusted is not None:
-                identity.second_senders.received(RADIO_NAME, rival, self.ranging.trusted, now)
+        one_way = self.one_way if begun else 0.0
+        answer = self.ranging.read(message, now, height=height, one_way=one_way, source=source)
+        if answer is None:
             return False
         if answer.restarted:
             self.estimator.restamp()
@@ -110,7 +91,7 @@ class RangeTracker:
         if stalled:
             self.ranging.reject(Reject.STALLED)
             return False
-        if height is None and self._needs_altitude:
+        if height is None and self._settings.file.orbit.needs_altitude:
             self.ranging.reject(Reject.NO_HEIGHT)
             return False
         self.rates.range_taken(answer)
@@ -123,10 +104,21 @@ class RangeTracker:
             self.ranging.reject(Reject.GATED, count)
             return False
         self.accepted += count
-        self.newest = sample
         self.fresh = True
         self.recent.append(sample)
         return True
+
+    def _take_rate(self, rate: RateSample) -> None:
+        """Pass a range rate to the estimator, unless it follows the newest one too soon."""
+        before = self.newest_rate
+        if before is None or rate.time - before.time >= self._thinning.period:
+            self.newest_rate = rate
+            self.estimator.observe_rate(rate)
+
+    @property
+    def newest(self) -> RangeSample | None:
+        """Newest range that the estimator accepted, None before the first."""
+        return self.recent[-1] if self.recent else None
 
     def _reference(self) -> RangeSample | None:
         """Return the newest accepted range, with its value replaced by the median of the newest
@@ -135,12 +127,11 @@ class RangeTracker:
         The median rejects a single outlier. Ranges from before an outage are not used, because the
         vehicle has moved since.
         """
-        if not self.ranging.moving or self.newest is None:
+        newest = self.newest
+        if not self.ranging.moving or newest is None:
             return None
-        lately = [
-            one.r for one in list(self.recent)[-3:] if self.newest.time - one.time <= JUMPED_FOR
-        ]
-        return self.newest._replace(r=median(lately))
+        lately = [one.r for one in list(self.recent)[-3:] if newest.time - one.time <= JUMPED_FOR]
+        return newest._replace(r=median(lately))
 
     @property
     def trusted_scale(self) -> float | None:
@@ -152,12 +143,16 @@ class RangeTracker:
     def one_way(self) -> float:
         """Least one-way delay of ranges on the vehicle's link, s, or 0 on a separate ranging
         link."""
-        return 0.0 if self._apart else self._session.timesync.one_way
+        return 0.0 if self._settings.ranging_apart else self._session.timesync.one_way
 
     def measured_rate(self, now: float) -> float | None:
         """Return the newest accepted range rate, m/s, or None if it is too old."""
         rate = self.newest_rate
-        return None if rate is None or now - rate.time > self._stale + SAME_TIME else rate.r_dot
+        return (
+            None
+            if rate is None or now - rate.time > self._settings.stale + SAME_TIME
+            else rate.r_dot
+        )
 
     def good(self, now: float, *, coasting: bool) -> bool:
         """True if the current estimate may steer: the estimator is ready and the newest range is
@@ -167,13 +162,14 @@ class RangeTracker:
         (FRESH), or if no range was stale for 1 s.
         """
         age = self.age(now)
-        if age is None or age > self._stale + SAME_TIME:
+        stale = self._settings.stale
+        if age is None or age > stale + SAME_TIME:
             self._since_stale.restart(now)
             return False
         # 1.0: time, s, without stale ranges after which steering resumes even if the range is older
         # than FRESH. Without this wait, ranges with ages near `stale` would start and stop steering
         # again and again.
-        fresh = not coasting or age <= FRESH * self._stale or self._since_stale.age(now) > 1.0
+        fresh = not coasting or age <= FRESH * stale or self._since_stale.age(now) > 1.0
         return (
             self.estimator.ready
             and self.estimate is not None
@@ -183,7 +179,8 @@ class RangeTracker:
 
     def age(self, now: float) -> float | None:
         """Return the time since the newest range was measured, s, or None without a range."""
-        return None if self.newest is None else now - self.newest.time
+        newest = self.newest
+        return None if newest is None else now - newest.time
 
 
 class JumpGate:

@@ -17,9 +17,9 @@ from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.autopilots.interface import rules_by_parameter
 from circnav_mav.mav.clocks import Moment, Span, quick_span
 from circnav_mav.mav.codec import Message
-from circnav_mav.mav.identity import RADIO_NAME, describe_vehicle
+from circnav_mav.mav.identity import describe_vehicle
 from circnav_mav.mav.params import ParameterReader
-from circnav_mav.mav.ranging.reader import Accepted, RangeRateReader, RangeReader
+from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import TextReader, plain_text
@@ -69,7 +69,7 @@ class PreflightListener:
         self.next_tick = float("-inf")
         self._settings = settings
         self._listens = seconds
-        self.ranging = RangeReader(settings.ranging)
+        self.ranging = RangeReader(settings.ranging, self.session.identity)
         speed = settings.orbit.speed
         max_turn_rate = settings.orbit.max_turn_rate
         noise = NoiseCheck.of_rates(speed, max_turn_rate)
@@ -221,16 +221,8 @@ class PreflightListener:
         marks = self.connection.ranging_message.mark_values(message)
         words = ", ".join(f"{mark} {plain_text(str(value))}" for mark, value in marks.items())
         self.carriers[f"{message.get_srcSystem()}/{message.get_srcComponent()} {words}"] += 1
-        peer = None if self._settings.ranging_apart else self.session.peer
-        answer = self.ranging.read(
-            message, now, source=source, vehicle=peer.source if peer else None
-        )
-        if not isinstance(answer, Accepted):
-            rival = None if answer is None else answer.rival
-            if rival is not None and self.ranging.trusted is not None:
-                self.session.identity.second_senders.received(
-                    RADIO_NAME, rival, self.ranging.trusted, now
-                )
+        answer = self.ranging.read(message, now, source=source)
+        if answer is None:
             return
         self.rate_reader.range_taken(answer)
         sample = answer.sample

@@ -76,6 +76,7 @@ class RangingSettings:
         toward the target.
     listens: False to steer without first waiting for a second source.
     calibration: error of the radio, removed from each reading.
+    apart: True if the ranges arrive on a link of their own, without the vehicle.
     """
 
     message: str = "distance_sensor"
@@ -94,6 +95,7 @@ class RangingSettings:
     rate_sign: str = "opening"
     listens: bool = True
     calibration: Calibration = field(default_factory=Calibration)
+    apart: bool = False
 
 
 class Reading(NamedTuple):

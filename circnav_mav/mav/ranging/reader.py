@@ -7,7 +7,7 @@ and `sources` defines a source.
 """
 
 from collections import Counter, deque
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -17,7 +17,14 @@ from circnav_mav.guidance.rate_check import RateCheck
 from circnav_mav.guidance.types import SAME_TIME, RangeSample, RateSample
 from circnav_mav.mav.clocks import JUMP, Order, Slower, StampFilter, no_link_delay
 from circnav_mav.mav.codec import Message, ids
-from circnav_mav.mav.identity import AUTOPILOT_COMPONENT, MOVES_AFTER, Sender, host_of
+from circnav_mav.mav.identity import (
+    AUTOPILOT_COMPONENT,
+    MOVES_AFTER,
+    RADIO_NAME,
+    Identity,
+    Sender,
+    host_of,
+)
 from circnav_mav.mav.ranging.interface import (
     EXPLAINED,
     OTHERS,
@@ -58,17 +65,6 @@ class Accepted(NamedTuple):
     stepped: float
 
 
-class Rejected(NamedTuple):
-    """A ranging message that did not become a sample.
-
-    reason: first check that the message did not pass.
-    rival: sender of the message if it is a second sender: a selected range from another address.
-    """
-
-    reason: Reject
-    rival: Sender | None
-
-
 class _Radio(NamedTuple):
     """Sender and sensor of the ranges in use.
 
@@ -107,13 +103,18 @@ class RangeReader:
     def __init__(
         self,
         settings: RangingSettings,
+        identity: Identity,
         noise: NoiseCheck | None = None,
         slower: Slower = no_link_delay,
         reach: Callable[[float], float] = lambda seconds: inf,
     ) -> None:
-        """noise: check of the reported sigma, None for no check. slower: delay increase of the
-        ranges' link. reach: largest plausible change of the range in a time, m."""
+        """identity: the vehicle and the senders on its link.
+        noise: check of the reported sigma, None for no check.
+        slower: delay increase of the ranges' link.
+        reach: largest plausible change of the range in a time, m.
+        """
         self._settings = settings
+        self._identity = identity
         self._noise = noise
         self._kind = RANGING_MESSAGES[settings.message]
         self.clock = StampFilter(
@@ -179,28 +180,26 @@ class RangeReader:
         now: float,
         *,
         height: float | None = None,
-        other_vehicles: Mapping[int, Hashable] | None = None,
         one_way: float = 0.0,
         source: Hashable = None,
-        vehicle: Hashable = None,
-    ) -> Accepted | Rejected | None:
-        """Return the sample that a message carries, or the reason for its rejection, which is
-        counted in `rejected`. Return None if the message is no range.
+    ) -> Accepted | None:
+        """Return the sample that a message carries. Return None if the message is no range, or if
+        it is rejected. Rejections are counted in `rejected`, second senders in the identity.
 
         height: height of the vehicle above the target, m, None to take ranges as horizontal.
-        other_vehicles: system ids of other vehicles, with the addresses of their autopilots. Their
-            ranges are rejected unless the mission specifies that system id.
         one_way: least one-way delay of this link, s. Stamps alone do not show it.
         source: address of the sender.
-        vehicle: address of the vehicle, or None. Ranges that the autopilot forwards arrive from
-            this address, even after the vehicle has changed it.
         """
         if message.get_type() != self._kind.type:
             return None
         radio = self._radio
+        # Ranges that the autopilot forwards arrive from the vehicle's address, even after the
+        # vehicle has changed it.
+        peer = None if self._settings.apart else self._identity.peer
+        vehicle = None if peer is None else peer.source
         if radio is not None and radio.with_vehicle and vehicle is not None:
             self._radio = radio._replace(sender=radio.sender._replace(source=vehicle))
-        received = self._received(message, now, other_vehicles or {}, source)
+        received = self._received(message, now, source)
         if received is None:
             return None
         failed = (reason for check in self._CHECKS if (reason := check(self, received)))
@@ -209,20 +208,14 @@ class RangeReader:
             answer = Reject.TOO_OLD
         if isinstance(answer, Reject):
             self.reject(answer)
-            return Rejected(
-                answer, self._rival(received) if answer is Reject.WRONG_SOURCE else None
-            )
+            if answer is Reject.WRONG_SOURCE:
+                self._report_rival(received)
+            return None
         restarted = self._restarted
         self._restarted = False
         return Accepted(answer, restarted, self.clock.followed)
 
-    def _received(
-        self,
-        message: Message,
-        now: float,
-        other_vehicles: Mapping[int, Hashable],
-        source: Hashable,
-    ) -> _Received | None:
+    def _received(self, message: Message, now: float, source: Hashable) -> _Received | None:
         """Note the source of a message. Return the message for the checks, or None if it is no
         range."""
         reading = self._kind.read(message)
@@ -230,7 +223,7 @@ class RangeReader:
             return None
         sender = Sender(*ids(message), source)
         picked = self._kind.picked(message, self._settings)
-        fits = self._fits(sender, other_vehicles)
+        fits = self._fits(sender)
         slant = None if isinstance(reading, Reject) else reading.slant
         sensor = self.sources.receive(message, slant, now, picked=picked and fits)
         if self._kind.for_anything and not picked:
@@ -384,21 +377,26 @@ class RangeReader:
             and (received.sensor == radio.sensor)
         )
 
-    def _rival(self, received: _Received) -> Sender | None:
-        """Return the sender of a rejected message if it is a second sender."""
+    def _report_rival(self, received: _Received) -> None:
+        """Report the sender of a rejected message if it is a second sender: of a selected range,
+        from another address."""
         trusted = self.trusted
         ranges = received.fits and received.picked and isinstance(received.reading, Reading)
         if trusted is None or not ranges or self._silent(received.now):
-            return None
-        return None if received.sender.source == trusted.source else received.sender
+            return
+        if received.sender.source != trusted.source:
+            self._identity.second_senders.received(
+                RADIO_NAME, received.sender, trusted, received.now
+            )
 
-    def _fits(self, sender: Sender, other_vehicles: Mapping[int, Hashable]) -> bool:
+    def _fits(self, sender: Sender) -> bool:
         """True if a sender has the configured ids and does not belong to another vehicle."""
         settings = self._settings
         if settings.component_id not in (None, sender.component):
             return False
         if settings.system_id is not None:
             return settings.system_id == sender.system
+        other_vehicles = {} if settings.apart else self._identity.other_vehicles
         if sender.system not in other_vehicles:
             return True
         # Ranges of another vehicle's autopilot may have been accepted before its first heartbeat,

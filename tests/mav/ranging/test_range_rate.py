@@ -9,6 +9,7 @@ from pymavlink.dialects.v20 import all as mavlink
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.mav.ranging.interface import RangingSettings
 from circnav_mav.mav.ranging.reader import RangeRateReader, RangeReader
+from tests.mav.ranging.receiver import copter_identity
 from tests.rig import Voice
 
 RADIO = Voice(1, 192)
@@ -19,7 +20,7 @@ class Pair:
 
     def __init__(self, height=None, **settings):
         settings = RangingSettings("named_value_float", name="R", rate_name="RR", **settings)
-        self.ranging = RangeReader(settings)
+        self.ranging = RangeReader(settings, copter_identity())
         self.height = height
         self.rates = RangeRateReader(settings, self.ranging, NoiseCheck.of_rates(15.0, 0.35), 15.0)
 
