@@ -142,7 +142,7 @@ class Attitude(NamedTuple):
     def at(self, time: float) -> tuple[float, float, float]:
         """Return roll, pitch and yaw at another time, extrapolated with the rates."""
         dt = time - self.time
-        up = tan(min(max(self.pitch, -1.2), 1.2))
+        up = tan(_tilt(self)[1])
         roll_rate = self.p + (self.q * sin(self.roll) + self.r * cos(self.roll)) * up
         pitch_rate = self.q * cos(self.roll) - self.r * sin(self.roll)
         return (
