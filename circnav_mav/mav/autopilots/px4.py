@@ -94,9 +94,12 @@ class PX4Vehicle(Autopilot):
     guided_mode = custom_mode(OFFBOARD)
 
     def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True: PX4 rejects OFFBOARD without a setpoint stream, and ignores setpoints in every
-        other mode."""
-        return True
+        """True if the mode ignores our messages: PX4 rejects OFFBOARD and ALTCTL without a stream
+        of them. Every other mode ignores setpoints. AUTO modes ignore the sticks, manual modes
+        would follow them."""
+        if self.guided_mode == custom_mode(OFFBOARD):
+            return True
+        return mode is not None and main_and_sub(mode)[0] == AUTO
 
 
 def _offboard_loss(value: float, context: Context) -> Verdict:
@@ -136,6 +139,21 @@ COMPASS = rule(
     one_of({5: _NO_COMPASS, 6: _NO_COMPASS}, (PASS, "the heading uses the compass")),
     optional=True,
 )
+_NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
+_OUR_STICKS = (
+    PASS,
+    (
+        "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the"
+        " sticks"
+    ),
+)
+_OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
+STICKS = rule(
+    "COM_RC_IN_MODE",
+    one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS),
+    advised=always(1),
+)
+"""Rule for the source of the sticks of vehicles flown by stick."""
 _NOT_PASSED = (FAIL, "setpoints from MAVLink are not passed to the controllers: set it to 1")
 _MAVLINK_ONLY = (WARN, "the pilot's transmitter is ignored: only a ground station can take over")
 _TRANSMITTER = (PASS, "0: transmitter, 4: no sticks at all, others: transmitter and ground station")

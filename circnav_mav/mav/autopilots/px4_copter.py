@@ -18,7 +18,6 @@ from circnav_mav.mav.autopilots.interface import (
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
     PASS,
-    WARN,
     Context,
     Judge,
     Name,
@@ -29,19 +28,17 @@ from circnav_mav.mav.autopilots.parameters import (
     enough_lean,
     enough_speed,
     lean_limit,
-    one_of,
     rule,
     timeout,
     velocity_limit,
 )
 from circnav_mav.mav.autopilots.px4 import (
     ALTCTL,
-    AUTO,
     COMPASS,
     OFFBOARD_RULES,
+    STICKS,
     PX4Vehicle,
     custom_mode,
-    main_and_sub,
 )
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.frames import body_from_level
@@ -117,15 +114,6 @@ DEADZONE = 0.1
 CUBIC = 0.6
 """Cubic share of the yaw stick's curve: a constant of PX4 (Sticks::getYawExpo), before PX4 1.17 the
 default of MPC_YAW_EXPO."""
-_NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
-_OUR_STICKS = (
-    PASS,
-    (
-        "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the"
-        " sticks"
-    ),
-)
-_OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
 
 
 def yaw_stick(yaw_rate: float) -> float:
@@ -176,11 +164,7 @@ class PX4CopterStick(Copter, PX4Vehicle):
     estimation = AIRSPEED_FROM_DRAG
     tilts_by_stick = True
     parameters = (
-        rule(
-            "COM_RC_IN_MODE",
-            one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS),
-            advised=always(1),
-        ),
+        STICKS,
         rule(
             "COM_RC_LOSS_T", timeout("counts the sticks as lost, and descends without a position")
         ),
@@ -199,11 +183,6 @@ class PX4CopterStick(Copter, PX4Vehicle):
         ),
         COMPASS,
     )
-
-    def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True in AUTO modes, which ignore the sticks. Manual modes would follow them. PX4 rejects
-        ALTCTL without a stream of stick messages."""
-        return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the sticks that turn in coordination and hold the airspeed."""

@@ -18,16 +18,14 @@ from circnav_mav.mav.autopilots.parameters import (
     least_airspeed,
     mission_speed,
     most_airspeed,
-    one_of,
     rule,
 )
 from circnav_mav.mav.autopilots.px4 import (
     ALTCTL,
-    AUTO,
     COMPASS,
+    STICKS,
     PX4Vehicle,
     custom_mode,
-    main_and_sub,
 )
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
@@ -38,15 +36,6 @@ _STOCK_STICK_LOSS = 2.0
 """Default of NAV_RCL_ACT: RTL."""
 _HOLD_EXCEPTED = 2
 """Bit 1 of COM_RCL_EXCEPT: in Hold, PX4 ignores lost manual control."""
-_NO_STICKS = (FAIL, "sticks from MAVLink are ignored: set it to 1 (MAVLink only)")
-_OUR_STICKS = (
-    PASS,
-    (
-        "only sticks from MAVLink are used: the pilot takes over by changing the mode, not by the"
-        " sticks"
-    ),
-)
-_OTHER_STICKS = (WARN, "the pilot's transmitter may replace our sticks: set it to 1 (MAVLink only)")
 
 
 def _stick_loss(value: float, context: Context) -> Verdict:
@@ -132,11 +121,7 @@ class PX4PlaneStick(PX4Vehicle):
     fixed_wing = True
     least_turn_gain = 0.72  # value of ArduPlane; too few flights of PX4 for a value of its own
     parameters = (
-        rule(
-            "COM_RC_IN_MODE",
-            one_of({0: _NO_STICKS, 1: _OUR_STICKS, 4: _NO_STICKS}, _OTHER_STICKS),
-            advised=always(1),
-        ),
+        STICKS,
         rule("COM_RC_LOSS_T", _stick_loss, advised=always(0.5)),
         rule("NAV_RCL_ACT", _stick_loss_action, advised=always(2)),
         rule("COM_RCL_EXCEPT", _stick_loss_exceptions, advised=always(_HOLD_EXCEPTED)),
@@ -146,11 +131,6 @@ class PX4PlaneStick(PX4Vehicle):
         rule("FW_AIRSPD_MAX", most_airspeed),
         COMPASS,
     )
-
-    def wants_setpoints_in(self, mode: int | None) -> bool:
-        """True in AUTO modes, which ignore the stick. Manual modes would follow it. PX4 rejects
-        ALTCTL without a stream of stick messages."""
-        return mode is not None and main_and_sub(mode)[0] == AUTO
 
     def setpoint(self, steer: Steer, to: SetpointContext, now: float) -> Message:
         """Return the stick position that holds the bank of the coordinated turn."""
