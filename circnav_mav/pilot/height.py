@@ -4,6 +4,8 @@ The height is computed from the altitude above sea level or, if that is unknown,
 from the altitude of HOME_POSITION. Latitude, longitude and local position are never read.
 """
 
+from math import inf
+
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.own_motion import (
     AIR_MAX_AGE,
@@ -13,6 +15,7 @@ from circnav_mav.mav.own_motion import (
     Motion,
 )
 from circnav_mav.mission.schema import OrbitTable
+from circnav_mav.timers import Report
 
 READ = frozenset({"VFR_HUD", "HOME_POSITION"})
 """Types of the messages that determine the height."""
@@ -27,11 +30,9 @@ class Height:
 
     def __init__(self, settings: OrbitTable) -> None:
         self._settings = settings
-        self._base = settings.height_above_target_m or 0.0
         self._zero = settings.target_altitude_m
-        """Altitude at which the height is `_base`, m, or None while unknown."""
-        self._altitude: float | None = None
-        self._received_at = float("-inf")
+        """Altitude at which the height is that of the mission, or 0, m. None while unknown."""
+        self._altitude: Report[float] = Report()
         self._engaged = False
         self._jumped = 0.0
         """Sum of the altitude jumps since the engagement, m. Jumps do not change the height."""
@@ -55,10 +56,10 @@ class Height:
             self._zero = home + above_home if abs(home) <= MOST_ALTITUDE else self._zero
         if message.get_type() != "VFR_HUD" or altitude is None:
             return
-        before = self._altitude
-        waited = max(now - self._received_at, BUNCHED)
-        self._altitude = altitude
-        self._received_at = now
+        newest = self._altitude.value
+        before = altitude if newest is None else newest
+        waited = max(self._altitude.age(now), BUNCHED)
+        self._altitude.update(altitude, now)
         if (
             not self._engaged
         ):  # a home set late changes the altitude by hundreds of meters, which is no jump
@@ -66,8 +67,8 @@ class Height:
         if self._zero is None:
             self._zero = altitude if self._settings.height_above_target_m is not None else None
             return
-        change = 0.0 if before is None else altitude - before
-        if before is None or abs(change) <= MOST_CLIMB * waited:
+        change = altitude - before
+        if abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)
             return
         # The zero of the altitude has moved, not the vehicle: move `_zero` by the same amount. A
@@ -90,25 +91,26 @@ class Height:
 
     def at(self, now: float) -> float | None:
         """Return the height, m, or None if it is unknown or the mission gives no height."""
-        live = self._engaged or now - self._received_at <= AIR_MAX_AGE
-        if self._zero is None or self._altitude is None or not live:
-            return self._settings.height_above_target_m
-        return self._base + (self._altitude - self._zero)
+        given = self._settings.height_above_target_m
+        altitude = self._altitude.live(now, inf if self._engaged else AIR_MAX_AGE)
+        if self._zero is None or altitude is None:
+            return given
+        return (given or 0.0) + (altitude - self._zero)
 
     @property
     def newest(self) -> float | None:
         """Height from the newest altitude of any age, m, or None if unknown."""
-        return self.at(self._received_at)
+        return self.at(self._altitude.time)
 
     def set(self, height: float, now: float) -> str:
         """Set the present height above the target, m. Return the reason if this is impossible, else
         an empty string."""
-        if self._altitude is None or now - self._received_at > AIR_MAX_AGE:
+        altitude = self._altitude.live(now, AIR_MAX_AGE)
+        if altitude is None:
             return "no altitude (VFR_HUD.alt)"
         only = {"target_altitude_m": None, "target_above_home_m": None}
         self._settings = self._settings.model_copy(update={"height_above_target_m": height, **only})
-        self._base = height
-        self._zero = self._altitude
+        self._zero = altitude
         self._doubt = None
         return ""
 
@@ -126,7 +128,8 @@ class Height:
 
     def is_held(self, now: float) -> bool:
         """True if the last height is held because no altitude is received in flight."""
-        return self._engaged and now - self._received_at > AIR_MAX_AGE and self.at(now) is not None
+        late = self._altitude.age(now) > AIR_MAX_AGE
+        return self._engaged and late and self.at(now) is not None
 
     @property
     def jump(self) -> float:
