@@ -29,17 +29,13 @@ class Rates(NamedTuple):
 
 
 class RateMeter:
-    """Converts counts to rates.
+    """Converts counts to rates. Read them after the first count.
 
     newest: rates since the oldest kept count, None before the second count.
-    whole: newest rates, None until they cover `RATE_SPAN`.
-    while_steering: newest rates, None unless the vehicle was steered during the whole `RATE_SPAN`.
     """
 
     def __init__(self) -> None:
         self.newest: Rates | None = None
-        self.whole: Rates | None = None
-        self.while_steering: Rates | None = None
         self._counts: deque[tuple[float, Rates]] = deque()
         """Time, s, and counts at this time."""
         self._not_steered = -inf
@@ -59,5 +55,13 @@ class RateMeter:
             self.newest = Rates(
                 *((count - earlier) / span for count, earlier in zip(counts, before, strict=True))
             )
-        self.whole = self.newest if span >= RATE_SPAN else None
-        self.while_steering = self.whole if then > self._not_steered else None
+
+    @property
+    def whole(self) -> Rates | None:
+        """Newest rates, None until they cover `RATE_SPAN`."""
+        return self.newest if self._counts[-1][0] - self._counts[0][0] >= RATE_SPAN else None
+
+    @property
+    def while_steering(self) -> Rates | None:
+        """Newest rates, None unless the vehicle was steered during the whole `RATE_SPAN`."""
+        return self.whole if self._counts[0][0] > self._not_steered else None
