@@ -68,14 +68,11 @@ class ExitAction:
         default."""
         self.action = action
         self._request = ModeRequest()
-        # Number of safe setpoints that the exit action `stop` sends before the stream ends. More
-        # than one, because a datagram can be lost.
-        self._safe_left = 3
+        self._steps = 0
+        """Number of steps since the exit action has begun."""
         self.low = False
         """True near the ground, and after the vehicle has refused the exit action of the mission:
         the adapter's `low_exit` is requested."""
-        self.requested = False
-        """True once the exit action has begun."""
         self.failure: str | None = None
         """Reason why the exit action had no effect."""
 
@@ -83,10 +80,11 @@ class ExitAction:
         """Request the exit action. since: beginning of the phase LEAVING, s. Return True if the
         safe setpoint of this step is the last one."""
         action = self.named(session)
-        self.requested = True
-        self._safe_left -= 1
+        self._steps += 1
+        # 3: number of safe setpoints that the exit action `stop` sends before the stream ends. More
+        # than one, because a datagram can be lost.
         if action == STOP_SENDING:
-            return self._safe_left <= 0
+            return self._steps >= 3
         failure = self._request.ask(session, session.adapter.exits[action], now)
         if failure is None and now - since > PATIENCE:
             failure = "had no effect"
@@ -104,7 +102,7 @@ class ExitAction:
         """Return the exit action and what the vehicle does after it. Empty if it has not begun."""
         mode = session.vehicle.mode_name
         action = self.named(session)
-        if not self.requested or self.failure is not None:
+        if self._steps == 0 or self.failure is not None:
             return ""
         if action == STOP_SENDING:
             return f"{action}: the vehicle stops in {mode}, take it over"
