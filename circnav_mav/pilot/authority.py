@@ -73,8 +73,6 @@ class Authority:
         self._mission = mission
         self._flies = flies
         self.holder = Holder.US
-        self.rebooted = False
-        """True if the newest `watch_takeover` found a reboot of the autopilot."""
         self._given_back = Hysteresis(GIVEN_AFTER)
         """Reports of the guided mode after the operator had left it."""
         self._stalls = Stalls()
@@ -271,12 +269,12 @@ class Authority:
 
     # --- controller of the vehicle
 
-    def watch_takeover(self, now: float) -> tuple[str, Outcome] | None:
-        """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None."""
+    def watch_takeover(self, changes: set[Change], now: float) -> tuple[str, Outcome] | None:
+        """Return a takeover detected in this step, as STATUSTEXT and as outcome, or None. changes:
+        changes of the vehicle's state since the last step."""
         session = self._session
         vehicle = session.vehicle
-        changes = session.take_changes()
-        self.rebooted = Change.REBOOTED in changes
+        rebooted = Change.REBOOTED in changes
         departed = not changes.isdisjoint((Change.LEFT, Change.DISARMED))
         outside = session.up and vehicle.mode not in (None, *session.adapter.our_modes)
         left_for = vehicle.mode_name if outside else vehicle.left_for if departed else None
@@ -285,9 +283,9 @@ class Authority:
             self._operator_chose |= departed or (outside and vehicle.mode != self._asked_in)
         was_ours = self._has_control
         self._watch_return(left=left_for is not None, in_mode=in_mode)
-        if not was_ours or (in_mode and not self.rebooted):
+        if not was_ours or (in_mode and not rebooted):
             return None
-        self.holder, text, ending = TAKEOVERS[self.rebooted, left_for is not None]
+        self.holder, text, ending = TAKEOVERS[rebooted, left_for is not None]
         what = f"{TAKEN_OVER}, {text.format(guided=session.adapter.guided_name, mode=left_for)}"
         if ending is Ending.ABORTED:
             return what, Outcome(ending, what)

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING
 
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.session import LOST_AFTER
+from circnav_mav.mav.vehicle_state import Change
 from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.authority import unwatched
 from circnav_mav.pilot.conditions import NOT_FOLLOWING
@@ -45,8 +46,9 @@ def link(pilot: Pilot, now: float) -> Findings:
 
 def takeover(pilot: Pilot, now: float) -> Findings:
     """Stop sending setpoints in the same step in which a takeover is detected."""
-    found = pilot.authority.watch_takeover(now)
-    if pilot.authority.rebooted:
+    changes = pilot.session.take_changes()
+    found = pilot.authority.watch_takeover(changes, now)
+    if Change.REBOOTED in changes:
         pilot.tracker.estimator.reset()
     if found is None:
         return ()
