@@ -198,6 +198,11 @@ class Encoder:
         self._dialect = dialect.MAVLink(None, srcComponent=component)
         self._signing = signing
 
+    @property
+    def ids(self) -> Ids:
+        """Our own system and component id."""
+        return self.system, self._dialect.srcComponent
+
     def encode(self, message: Message) -> bytes:
         """Return one frame and advance the sequence number. pymavlink's `pack` does not advance
         it."""

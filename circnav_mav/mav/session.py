@@ -64,7 +64,6 @@ class Session:
         selects its adapter.
         more_streams: further message ids with their requested rates, Hz.
         """
-        self._component = settings.component_id
         self._more_streams = dict(more_streams or {})
         self._heartbeat_timer = Every(HEARTBEAT_PERIOD)
         self._replies: list[Message] = []
@@ -99,7 +98,7 @@ class Session:
     @property
     def us(self) -> Ids:
         """Our own system and component id."""
-        return self.encoder.system, self._component
+        return self.encoder.ids
 
     @property
     def adapter(self) -> Autopilot:

@@ -58,7 +58,6 @@ class Companion:
         locator: Locator,
         signing: Signing | None = None,
     ) -> None:
-        self._settings = settings
         self._pilot = pilot
         self._locator = locator
         self._decoder = Decoder(wanted=WANTED)
@@ -101,7 +100,7 @@ class Companion:
         if kind in RECEIVERS or kind in FUSES:
             self._health.on_message(message, now)
         elif kind == "COMMAND_ACK":
-            us = self._encoder.system, self._settings.component
+            us = self._encoder.ids
             self._commands.acknowledge(message, us, now)
             self.external_position.answered(message, us, now)
         elif self.plane is not None and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:

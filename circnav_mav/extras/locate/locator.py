@@ -75,13 +75,12 @@ class Locator:
 
     def __init__(self, component: int, pilot: Pilot, signing: Signing | None = None) -> None:
         """component: own MAVLink component id."""
-        self._component = component
         self._pilot = pilot
         self._decoder = Decoder(wanted=WANTED)
         self._encoder = Encoder(1, component, signing)
         self._announcer = Announcer()
         self._commands = CommandSender()
-        self._streams: StreamRequests | None = None
+        self._streams = StreamRequests(STREAMS)
         self.plane: Plane | None = None
         self.place: Place | None = None
         self.why = "no position of the vehicle"
@@ -114,8 +113,7 @@ class Locator:
     def on_frames(self, link: str, source: Hashable, frames: Iterable[bytes], now: float) -> None:
         """Process complete, trusted frames after the pilot has processed them. now: run time, s."""
         for ident, frame in vehicle_frames(self._pilot.session, link, source, frames):
-            if self._streams is not None:
-                self._streams.received(ident)
+            self._streams.received(ident)
             for message in self._decoder.decode(frame) if ident in WANTED else ():
                 self._take(message, now)
         tracker = self._pilot.tracker
@@ -136,8 +134,7 @@ class Locator:
             least = 0.01 if is_exact else GPS_SIGMA
             self._gps_sigma = max(least, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
-            us = self._encoder.system, self._component
-            self._commands.acknowledge(message, us, now)
+            self._commands.acknowledge(message, self._encoder.ids, now)
         elif (
             kind == "GLOBAL_POSITION_INT"
             and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7
@@ -320,8 +317,6 @@ class Locator:
     def _requests(self, target: tuple[int, int], now: float) -> list[Message]:
         """Return the stream requests that are due. At the end, return the requests that restore the
         vehicle's own rates."""
-        if self._streams is None:
-            self._streams = StreamRequests(STREAMS)
         farewell: list[Message] = []
         if not self._pilot.done:
             for request in self._streams.poll(now):
