@@ -19,7 +19,6 @@ from circnav_mav.extras.external_position.external_position import (
     Health,
 )
 from circnav_mav.extras.external_position.settings import ExternalPositionSettings
-from circnav_mav.extras.locate.gps_fix import RECEIVERS
 from circnav_mav.extras.locate.locator import HOME_SIGMA, STREAMS, Locator, vehicle_frames
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion
@@ -28,6 +27,7 @@ from circnav_mav.mav.commands import CommandSender, StreamRequests, once
 from circnav_mav.mav.own_motion import ATTITUDE_MAX_AGE
 from circnav_mav.mav.signing import Signing
 from circnav_mav.pilot import OutputMode, Pilot
+from circnav_mav.pilot.method import RECEIVERS
 
 SECOND = dialect.MAVLINK_MSG_ID_GPS2_RAW
 """Message id of the report of a second GPS receiver. Not every vehicle has one."""

@@ -13,11 +13,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.gps_fix import RECEIVERS, GpsFix
+from circnav_mav.extras.locate.gps_fix import GpsFix
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RelativeMotion
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.commands import RESULT_NAMES
+from circnav_mav.pilot.method import RECEIVERS
 
 FUSES = {
     "EKF_STATUS_REPORT": dialect.EKF_POS_HORIZ_ABS,

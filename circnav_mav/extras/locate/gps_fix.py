@@ -1,10 +1,10 @@
 """GPS fix as reported by the vehicle's receivers."""
 
-from circnav_mav.mav.codec import Message
+from pymavlink.dialects.v20 import all as dialect
 
-RECEIVERS = ("GPS_RAW_INT", "GPS2_RAW")
-FIX_3D = 3
-"""Smallest fix_type of a 3D position."""
+from circnav_mav.mav.codec import Message
+from circnav_mav.pilot.method import RECEIVERS
+
 SILENT = 3.0
 """Age of a report, s, above which the report is ignored."""
 
@@ -17,7 +17,7 @@ class GpsFix:
 
     def on_message(self, message: Message, now: float) -> None:
         """Process a message of RECEIVERS."""
-        self._report(message.get_type(), message.fix_type >= FIX_3D, now)
+        self._report(message.get_type(), message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX, now)
 
     def has_fix(self, now: float) -> bool:
         """True if a receiver reports a 3D fix."""

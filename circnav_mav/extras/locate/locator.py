@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
 from circnav_mav.extras.locate.export import named_values, orbit_status
-from circnav_mav.extras.locate.gps_fix import RECEIVERS, GpsFix
+from circnav_mav.extras.locate.gps_fix import GpsFix
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import RangeSample
 from circnav_mav.mav.clocks import BOOT_WRAP, Order, StampFilter
@@ -26,6 +26,7 @@ from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot import VEHICLE, OutputMode, Pilot
+from circnav_mav.pilot.method import RECEIVERS
 from circnav_mav.timers import Every, Since
 
 WANTED = frozenset(

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.gps_fix import RECEIVERS
 from circnav_mav.extras.locate.logs.interface import (
     FAR,
     FIX_3D,
@@ -20,6 +19,7 @@ from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, 
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.ranging.interface import Reading, boot_stamp
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
+from circnav_mav.pilot.method import RECEIVERS
 from circnav_mav.runlog.run_folder import RunError
 from circnav_mav.runlog.tlog import read_messages
 
