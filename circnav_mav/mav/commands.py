@@ -8,7 +8,6 @@ measured, and requested again when they slow down.
 from collections import Counter, deque
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
-from math import ceil
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -38,17 +37,6 @@ measurement does not find them: each request costs an acknowledgment, which MAVP
 other streams are requested at once."""
 LOW = 0.5
 """Fraction of the requested rate below which a stream is requested again."""
-GROUPS = {
-    dialect.MAVLINK_MSG_ID_RAW_IMU: dialect.MAV_DATA_STREAM_RAW_SENSORS,
-    dialect.MAVLINK_MSG_ID_HIGHRES_IMU: dialect.MAV_DATA_STREAM_RAW_SENSORS,
-    dialect.MAVLINK_MSG_ID_SYS_STATUS: dialect.MAV_DATA_STREAM_EXTENDED_STATUS,
-    dialect.MAVLINK_MSG_ID_ATTITUDE: dialect.MAV_DATA_STREAM_EXTRA1,
-    dialect.MAVLINK_MSG_ID_VFR_HUD: dialect.MAV_DATA_STREAM_EXTRA2,
-    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: dialect.MAV_DATA_STREAM_EXTRA3,
-    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: dialect.MAV_DATA_STREAM_EXTRA3,
-}
-"""Groups of REQUEST_DATA_STREAM by message id, for firmware without SET_MESSAGE_INTERVAL (ArduPilot
-before 4.0)."""
 RESULT_NAMES = {
     value: entry.name.removeprefix("MAV_RESULT_").lower().replace("_", " ")
     for value, entry in dialect.enums["MAV_RESULT"].items()
@@ -242,7 +230,6 @@ class _Stream:
     asked: bool = False
     received: int = 0
     ever: bool = False
-    rate: float | None = None
     denied: bool = False
 
 
@@ -259,24 +246,15 @@ class StreamRequests:
         self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
         self._since: float | None = None
         self._is_first_check = True
-        self._group_due = float("-inf")
-        self.by_group = False
-        """True if the vehicle lacks SET_MESSAGE_INTERVAL, so that REQUEST_DATA_STREAM is used."""
         self._maybe = maybe
 
     @property
-    def rates(self) -> dict[int, float | None]:
-        """Measured rate of each requested stream in Hz, None before the first check."""
-        return {message_id: stream.rate for message_id, stream in self._streams.items()}
-
-    @property
     def refused(self) -> list[str]:
-        """Names of the streams that the vehicle has denied and does not send after a group request
-        either."""
+        """Names of the streams that the vehicle has denied."""
         return [
             dialect.mavlink_map[ident].msgname
             for ident, stream in self._streams.items()
-            if stream.denied and not (self.by_group and ident in GROUPS and _flows(stream))
+            if stream.denied
         ]
 
     def received(self, message_id: int) -> None:
@@ -288,35 +266,9 @@ class StreamRequests:
         self._since = None
 
     def denied(self, result: CommandResult) -> None:
-        """Stop requesting a stream that the vehicle denied, to save bandwidth.
-
-        If the vehicle does not support SET_MESSAGE_INTERVAL, group requests are used instead.
-        """
+        """Stop requesting a stream that the vehicle denied, to save bandwidth."""
         if stream := self._streams.get(int(result.command.params[0])):
             stream.denied = True
-            self.by_group |= result.result == dialect.MAV_RESULT_UNSUPPORTED
-
-    def group_requests(self, target: Ids, now: float) -> list[Message]:
-        """Return the REQUEST_DATA_STREAM messages due now, for groups with a missing stream. The
-        vehicle does not acknowledge these messages."""
-        if not self.by_group or now < self._group_due:
-            return []
-        missing = {
-            ident
-            for ident, stream in self._streams.items()
-            if ident in GROUPS and not _flows(stream) and (stream.denied or stream.rate is not None)
-        }
-        if not missing:
-            return []
-        self._group_due = now + CHECK_EVERY
-        rates: dict[int, float] = {}
-        for ident, stream in self._streams.items():
-            if GROUPS.get(ident) in {GROUPS[one] for one in missing}:
-                rates[GROUPS[ident]] = max(rates.get(GROUPS[ident], 0.0), stream.wanted)
-        return [
-            dialect.MAVLink_request_data_stream_message(*target, group, ceil(hz), 1)
-            for group, hz in rates.items()
-        ]
 
     def poll(self, now: float) -> list[Command]:
         """Return the requests due now."""
@@ -344,9 +296,9 @@ class StreamRequests:
                 # The stream was requested during this measurement and has arrived for a part of it
                 # only: its rate is still unknown.
                 continue
-            stream.rate = received / elapsed
             is_there = stream.ever or not stream.asked or message_id not in self._maybe
-            if stream.rate < LOW * stream.wanted and is_there and not stream.denied:
+            is_low = received / elapsed < LOW * stream.wanted
+            if is_low and is_there and not stream.denied:
                 low.append(message_id)
         return self._requests(low)
 
@@ -365,8 +317,3 @@ class StreamRequests:
         return [
             Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in asked
         ]
-
-
-def _flows(stream: _Stream) -> bool:
-    """True if a stream arrives with at least LOW times the requested rate."""
-    return stream.rate is not None and stream.rate >= LOW * stream.wanted

@@ -264,7 +264,6 @@ class Session:
                     self.streams.denied(result)
             for request in self.streams.poll(now):
                 self.commands.send(request)
-            messages += self.streams.group_requests(self.peer.ids, now)
             messages += self.commands.poll(
                 self.peer.ids, now, self.heartbeat_age(now)
             ) + self.timesync.poll(now)

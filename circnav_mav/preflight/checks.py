@@ -202,12 +202,6 @@ def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         yield Check(
             FAIL, "heartbeat", f"the last one was received {silence:.1f} s before preflight ended"
         )
-    if listener.session.streams.by_group:
-        words = (
-            "SET_MESSAGE_INTERVAL is not supported by this old firmware: REQUEST_DATA_STREAM is"
-            " used"
-        )
-        yield Check(WARN, "stream", words)
     for message_id, (wanted, measured) in listener.streams.items():
         name = dialect.mavlink_map[message_id].msgname
         words = f"{name} {measured:.1f} Hz, requested {wanted:g} Hz"

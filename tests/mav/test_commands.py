@@ -14,7 +14,6 @@ SET_INTERVAL = 511
 GUIDED = Command(SET_MODE, (1.0, 4.0))
 ACCEPTED = 0
 DENIED = 2
-UNSUPPORTED = 3
 IN_PROGRESS = 5
 
 
@@ -201,13 +200,10 @@ def test_stream_below_half_its_rate_is_requested_again(streams, rate, again):
     """Another client may lower the rate of a stream: gh:ArduPilot/ardupilot#19761."""
     assert requested(streams.poll(0.0)) == [(ATTITUDE, 100_000)]
     assert requested(streams.poll(0.6)) == [(TIME, 1_000_000)]
-    assert streams.rates == {ATTITUDE: None, TIME: 0.0}
     receive_messages(streams, 3.0)
     assert streams.poll(3.5) == streams.poll(3.6) == []
-    assert streams.rates == pytest.approx({ATTITUDE: 10.0, TIME: 1.0})
     receive_messages(streams, 100, attitude=rate)
     assert requested(streams.poll(103.6)) == ([(ATTITUDE, 100_000)] if again else [])
-    assert streams.rates[ATTITUDE] == pytest.approx(rate)
     assert requested(streams.give_back()) == [(ATTITUDE, 0), (TIME, 0)]
 
 
@@ -222,21 +218,6 @@ def test_stream_kept_fast_by_ground_station_is_not_requested(streams):
     assert requested(streams.give_back()) == [(ATTITUDE, 0)]
 
 
-def test_unsupported_interval_falls_back_to_data_stream_requests(streams):
-    for request in (*streams.poll(0.0), *streams.poll(0.6)):
-        streams.denied(CommandResult(request, UNSUPPORTED))
-    (one, two) = streams.group_requests((1, 1), 0.7)
-    assert [(m.req_stream_id, m.req_message_rate, m.start_stop) for m in (one, two)] == [
-        (10, 10, 1),
-        (12, 1, 1),
-    ]
-    assert streams.group_requests((1, 1), 2.0) == []
-    assert streams.refused == ["ATTITUDE", "SYSTEM_TIME"] and streams.by_group
-    receive_messages(streams, 3.1)
-    assert streams.poll(3.7) == []
-    assert streams.group_requests((1, 1), 6.2) == [] and streams.refused == []
-
-
 def test_denied_stream_is_requested_again_after_restart(streams):
     streams.denied(CommandResult(streams.poll(0.0)[0], DENIED))
     assert streams.refused == ["ATTITUDE"]
@@ -245,7 +226,6 @@ def test_denied_stream_is_requested_again_after_restart(streams):
     receive_messages(streams, 100.0)
     streams.restart()
     assert len(streams.poll(13.0)) == 1
-    assert streams.rates == {ATTITUDE: None, TIME: None}
     assert [len(streams.poll(now)) for now in (13.7, 16.8)] == [1, 2]
 
 

@@ -180,6 +180,10 @@ def test_vehicle_accepts_setpoints_when_armed_in_guided(line, mode, armed, ours,
     assert (here.session.up, vehicle.in_our_mode, vehicle.mode) == (False, False, None)
 
 
+def requested_streams(session):
+    return {*session.adapter.firmware.streams, session.adapter.echo}
+
+
 @pytest.mark.parametrize("carrier", ["SYSTEM_TIME", "ATTITUDE"])
 @pytest.mark.parametrize(
     ("times", "reboots"),
@@ -199,7 +203,7 @@ def test_boot_time_step_back_is_counted_as_reboot(here, carrier, times, reboots)
         here.receive(boot_time(ms / 1000) if carrier == "SYSTEM_TIME" else attitude(ms))
     assert here.session.vehicle.reboots == reboots
     again = {message.param1 for message in here.answer_all(1.0) if message.command == SET_INTERVAL}
-    assert again == (set(here.session.streams.rates) if reboots else set())
+    assert again == (requested_streams(here.session) if reboots else set())
 
 
 # --- own messages
@@ -219,7 +223,7 @@ def test_heartbeat_is_sent_every_second_without_vehicle(line):
 
 def test_every_requested_stream_is_restored_at_the_end(here):
     asked = here.answer_all(0.0)
-    streams = set(here.session.streams.rates)
+    streams = requested_streams(here.session)
     assert {message.param1 for message in asked if message.command == SET_INTERVAL} == streams
     assert [message.param1 for message in asked if message.command == REQUEST_MESSAGE] == [148]
     assert all((message.target_system, message.target_component) == (1, 1) for message in asked)

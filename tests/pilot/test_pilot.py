@@ -318,7 +318,10 @@ def test_flight_ends_with_three_safe_setpoints(happens, ending, reason):
     if ending is Ending.COMPLETED:
         assert safe[0] == pytest.approx(rig.pilot.mission.engaged_at + 15.0, abs=0.051)
     given_back = {message.param1 for message in rig.commands(511, since) if message.param2 == 0}
-    assert given_back == set(rig.pilot.session.streams.rates)
+    adapter = rig.pilot.session.adapter
+    assert given_back == {
+        *adapter.firmware.streams, adapter.echo, *rig.pilot.connection.more_streams
+    }  # fmt: skip
     quiet = len(rig.sent)
     assert len(rig.run(5.0).sent) == quiet
 

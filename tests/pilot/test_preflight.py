@@ -38,7 +38,6 @@ SET_MESSAGE_INTERVAL = 511
 REQUEST_MESSAGE = 512
 ATTITUDE = 30
 VFR_HUD = 74
-COMMAND_ACK = 77
 FAIL = Grade.FAIL
 WARN = Grade.WARN
 PASS = Grade.PASS
@@ -639,17 +638,6 @@ def test_preflight_names_key_that_selects_range_source(other, missions, named):
     bench.speaks = lambda now: of_another(now, **other)
     lines = bench.lines()
     assert (one(lines, "ranging").grade, one(lines, "noise").grade) == (PASS, PASS)
-
-
-def test_preflight_uses_request_data_stream_for_old_firmware():
-    bench = Bench("arducopter")
-    unsupported = mavlink.MAVLink_command_ack_message(SET_MESSAGE_INTERVAL, 3)
-    bench.speaks = twice_a_second((Voice(), unsupported))
-    bench.receives = lambda frame, now: message_id(frame) not in (COMMAND_ACK, ATTITUDE, VFR_HUD)
-    assert "REQUEST_DATA_STREAM is used" in of(bench.lines(), "stream")[0].text
-    assert {10, 11} <= {
-        one.req_stream_id for one in bench.sent if one.get_type() == "REQUEST_DATA_STREAM"
-    }
 
 
 BY_HOME = {"orbit": {"height_above_target_m": None, "target_above_home_m": 5.0}}
