@@ -1,6 +1,8 @@
 """Common parts of ArduPilot's vehicles. Signs, masks and timeouts were tested on ArduPilot 4.6.3 in
 its simulator."""
 
+from collections.abc import Mapping
+
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.autopilots.interface import Firmware
@@ -34,6 +36,16 @@ ARDUPILOT = Firmware(
     },
     mode_numbers=lambda mode: (mode,),
 )
+
+
+def mode_names(enum: str) -> Mapping[int, str]:
+    """Return custom_mode -> name for a MAVLink enum of modes. Pilots write FBWA, not
+    FLY_BY_WIRE_A."""
+    *modes, _ = dialect.enums[enum].items()  # the last entry is the end of the enum
+    return {
+        number: entry.name.removeprefix(f"{enum}_").replace("FLY_BY_WIRE_", "FBW")
+        for number, entry in modes
+    }
 
 
 def gcs_failsafe(what_follows: str) -> Judge:

@@ -12,6 +12,7 @@ from circnav_mav.mav.autopilots.ardupilot import (
     HEADING,
     ekf_action,
     gcs_failsafe,
+    mode_names,
 )
 from circnav_mav.mav.autopilots.interface import (
     AIRSPEED_FROM_DRAG,
@@ -47,24 +48,13 @@ from circnav_mav.mav.autopilots.parameters import (
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.setpoint_guard import Steer
 
-MODE_NAMES = MappingProxyType(
-    {
-        0: "STABILIZE",
-        2: "ALT_HOLD",
-        3: "AUTO",
-        4: "GUIDED",
-        5: "LOITER",
-        6: "RTL",
-        9: "LAND",
-        16: "POSHOLD",
-        18: "THROW",
-        19: "AVOID_ADSB",
-    }
-    | {17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL"}
-)
-KEPT_MODES = frozenset({6, 9, 18, 19, 21, 27})
-"""Modes RTL, LAND, THROW, AVOID_ADSB, SMART_RTL and AUTO_RTL. AUTO is not in this set, because the
-autopilot reports its take-off and landing in EXTENDED_SYS_STATE."""
+MODE_NAMES = mode_names("COPTER_MODE")
+KEPT_MODES = frozenset((
+    dialect.COPTER_MODE_RTL, dialect.COPTER_MODE_LAND, dialect.COPTER_MODE_THROW,
+    dialect.COPTER_MODE_AVOID_ADSB, dialect.COPTER_MODE_SMART_RTL, dialect.COPTER_MODE_AUTO_RTL,
+))  # fmt: skip
+"""AUTO is not in this set, because the autopilot reports its take-off and landing in
+EXTENDED_SYS_STATE."""
 LEAN_LIMIT = Name("ATC_ANGLE_MAX", since="4.7"), Name("ANGLE_MAX", 0.01, until="4.6")
 """Names of the lean limit, with their factors to deg."""
 THRUST_AS_THRUST = 1 << 3
@@ -196,9 +186,11 @@ class ArduCopterAttitude(Copter):
     firmware = ARDUPILOT
     name = "ardupilot copter without GPS"
     bundled = ("arducopter_nogps", "arducopter")
-    guided_mode = 20
+    guided_mode = dialect.COPTER_MODE_GUIDED_NOGPS
     mode_names = MODE_NAMES
-    exits = MappingProxyType({"hold": 2, "land": 9})
+    exits = MappingProxyType(
+        {"hold": dialect.COPTER_MODE_ALT_HOLD, "land": dialect.COPTER_MODE_LAND}
+    )
     default_exit = "land"
     kept_modes = KEPT_MODES
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
@@ -279,9 +271,13 @@ class ArduCopter(Copter):
     firmware = ARDUPILOT
     name = "ardupilot copter"
     bundled = ("arducopter",)
-    guided_mode = 4
+    guided_mode = dialect.COPTER_MODE_GUIDED
     mode_names = MODE_NAMES
-    exits = MappingProxyType({"loiter": 5, "rtl": 6, "land": 9, "brake": 17, "hold": 2})
+    exits = MappingProxyType({
+        "loiter": dialect.COPTER_MODE_LOITER, "rtl": dialect.COPTER_MODE_RTL,
+        "land": dialect.COPTER_MODE_LAND, "brake": dialect.COPTER_MODE_BRAKE,
+        "hold": dialect.COPTER_MODE_ALT_HOLD,
+    })  # fmt: skip
     default_exit = "stop"
     kept_modes = KEPT_MODES
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})

@@ -4,7 +4,14 @@ from types import MappingProxyType
 
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.mav.autopilots.ardupilot import ARDUPILOT, FENCE, GCS_SYSTEM, HEADING, gcs_failsafe
+from circnav_mav.mav.autopilots.ardupilot import (
+    ARDUPILOT,
+    FENCE,
+    GCS_SYSTEM,
+    HEADING,
+    gcs_failsafe,
+    mode_names,
+)
 from circnav_mav.mav.autopilots.interface import PLANE_TYPES, Autopilot, SetpointContext, attitude
 from circnav_mav.mav.autopilots.parameters import (
     FAIL,
@@ -73,28 +80,21 @@ class ArduPlane(Autopilot):
     name = "ardupilot plane"
     bundled = ("arduplane",)
     vehicle_types = PLANE_TYPES
-    guided_mode = 15
-    mode_names = MappingProxyType(
-        {
-            0: "MANUAL",
-            1: "CIRCLE",
-            2: "STABILIZE",
-            5: "FBWA",
-            6: "FBWB",
-            7: "CRUISE",
-            10: "AUTO",
-            11: "RTL",
-        }
-        | {12: "LOITER", 13: "TAKEOFF", 15: "GUIDED", 16: "INITIALISING"}
-        | {14: "AVOID_ADSB", 17: "QSTABILIZE", 18: "QHOVER", 19: "QLOITER"}
-        | {20: "QLAND", 21: "QRTL", 25: "LOITER_ALT_QLAND", 26: "AUTOLAND"}
-    )
-    # AUTO, RTL, TAKEOFF, AVOID_ADSB, QLAND, QRTL, LOITER_ALT_QLAND, AUTOLAND. ArduPlane does not
-    # report a landing in AUTO, which its battery failsafe may begin (DO_LAND_START).
-    kept_modes = frozenset({10, 11, 13, 14, 20, 21, 25, 26})
+    guided_mode = dialect.PLANE_MODE_GUIDED
+    mode_names = mode_names("PLANE_MODE")
+    # ArduPlane does not report a landing in AUTO, which its battery failsafe may begin
+    # (DO_LAND_START).
+    kept_modes = frozenset((
+        dialect.PLANE_MODE_AUTO, dialect.PLANE_MODE_RTL, dialect.PLANE_MODE_TAKEOFF,
+        dialect.PLANE_MODE_AVOID_ADSB, dialect.PLANE_MODE_QLAND, dialect.PLANE_MODE_QRTL,
+        dialect.PLANE_MODE_LOITER_ALT_QLAND, dialect.PLANE_MODE_AUTOLAND,
+    ))  # fmt: skip
     min_height = 30.0
     low_exit = "loiter"
-    exits = MappingProxyType({"loiter": 12, "rtl": 11, "hold": 7})
+    exits = MappingProxyType({
+        "loiter": dialect.PLANE_MODE_LOITER, "rtl": dialect.PLANE_MODE_RTL,
+        "hold": dialect.PLANE_MODE_CRUISE,
+    })  # fmt: skip
     why_no_stop = "a plane left in GUIDED loiters after 3 s, with a sudden hard bank"
     shapes = frozenset({("SET_ATTITUDE_TARGET", MASK)})
     echo = dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT

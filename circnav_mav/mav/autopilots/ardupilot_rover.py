@@ -11,6 +11,7 @@ from circnav_mav.mav.autopilots.ardupilot import (
     HEADING,
     ekf_action,
     gcs_failsafe,
+    mode_names,
 )
 from circnav_mav.mav.autopilots.interface import (
     Autopilot,
@@ -71,23 +72,13 @@ class ArduRover(Autopilot):
     name = "ardupilot rover"
     bundled = ("ardurover",)
     vehicle_types = frozenset((dialect.MAV_TYPE_GROUND_ROVER, dialect.MAV_TYPE_SURFACE_BOAT))
-    guided_mode = 15
-    mode_names = MappingProxyType(
-        {
-            0: "MANUAL",
-            1: "ACRO",
-            3: "STEERING",
-            4: "HOLD",
-            5: "LOITER",
-            10: "AUTO",
-            11: "RTL",
-            12: "SMART_RTL",
-            15: "GUIDED",
-        }
-        | {16: "INITIALISING"}
-    )
-    exits = MappingProxyType({"hold": 4, "loiter": 5, "rtl": 11})
-    kept_modes = frozenset({11, 12})
+    guided_mode = dialect.ROVER_MODE_GUIDED
+    mode_names = mode_names("ROVER_MODE")
+    exits = MappingProxyType({
+        "hold": dialect.ROVER_MODE_HOLD, "loiter": dialect.ROVER_MODE_LOITER,
+        "rtl": dialect.ROVER_MODE_RTL,
+    })  # fmt: skip
+    kept_modes = frozenset((dialect.ROVER_MODE_RTL, dialect.ROVER_MODE_SMART_RTL))
     default_exit = "stop"
     shapes = frozenset({("SET_POSITION_TARGET_LOCAL_NED", MASK)})
     flies = False
