@@ -16,6 +16,10 @@ from circnav_mav.timers import Since
 
 MAVLINK_1_ONLY = "sends MAVLink 1 only: set its port to MAVLink 2 (ArduPilot: SERIALn_PROTOCOL = 2)"
 AUTOPILOT_COMPONENT = dialect.MAV_COMP_ID_AUTOPILOT1
+OUR_COMPONENTS = range(
+    dialect.MAV_COMP_ID_ONBOARD_COMPUTER, dialect.MAV_COMP_ID_ONBOARD_COMPUTER4 + 1
+)
+"""Component ids that circnav may use."""
 NO_AUTOPILOT = (dialect.MAV_AUTOPILOT_INVALID, dialect.MAV_AUTOPILOT_GENERIC)
 MOVES_AFTER = 1.5
 """Silence of the vehicle's address, s, after which the vehicle may move to another address. Any
@@ -65,10 +69,10 @@ def host_of(source: Hashable) -> Hashable:
 @dataclass(frozen=True, slots=True)
 class LinkSettings:
     """system_id: system id of the vehicle, None for the first vehicle that fits the mission.
-    component_id: component id of circnav, 191 to 194."""
+    component_id: component id of circnav, of OUR_COMPONENTS."""
 
     system_id: int | None = None
-    component_id: int = 191
+    component_id: int = OUR_COMPONENTS[0]
 
 
 class SecondSenders:

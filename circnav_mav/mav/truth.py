@@ -1,13 +1,14 @@
 """True state of the bundled vehicle, for the evaluation of flights. Code that steers must not read
 it."""
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.codec import Decoder
 from circnav_mav.mav.framing import V2
 
 NAME = "SIM_TRUTH"
 """Name of the DEBUG_FLOAT_ARRAY that carries the truth."""
-_ID = 350
-"""Message id of DEBUG_FLOAT_ARRAY."""
+_ID = dialect.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
 
 
 def is_truth_frame(frame: bytes) -> bool:

@@ -27,6 +27,7 @@ from circnav_mav.mav.autopilots.table import (
     MISSION_KINDS,
     MISSION_METHODS,
 )
+from circnav_mav.mav.identity import OUR_COMPONENTS
 from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 
@@ -193,8 +194,9 @@ class LinkTable(Table):
 
     endpoint: Name
     peer: Addresses | None = None
-    # 191 to 194: MAV_COMP_ID_ONBOARD_COMPUTER to MAV_COMP_ID_ONBOARD_COMPUTER4
-    component_id: Annotated[int, Field(ge=191, le=194)] = 191
+    component_id: Annotated[int, Field(ge=OUR_COMPONENTS[0], le=OUR_COMPONENTS[-1])] = (
+        OUR_COMPONENTS[0]
+    )
     wait_s: Positive = 30.0
     unsigned_parameters: bool = False
     clock: Literal["local", "autopilot"] = "local"

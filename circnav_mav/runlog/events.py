@@ -5,16 +5,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.mav.codec import Ids, ids
+from circnav_mav.mav.identity import OUR_COMPONENTS
 from circnav_mav.mav.statustext import TextReader, plain_text
 from circnav_mav.runlog.run_folder import Run
 from circnav_mav.runlog.ticks import Ticks
 from circnav_mav.runlog.tlog import read_messages
 
-STATUSTEXT = 253
-"""MAVLink message id."""
-OUR_COMPONENTS = range(191, 195)
 OURS = "circnav message"
 ALARM = "alarm"
 SEVERE = {"vehicle message": 3, OURS: 4}
@@ -63,7 +62,9 @@ def _texts(run: Run) -> list[Event]:
     reader = TextReader()
     found = list[Event]()
     newest: dict[Ids, int] = {}
-    for stamp, message in read_messages(run.folder / "flight.tlog", {STATUSTEXT}):
+    for stamp, message in read_messages(
+        run.folder / "flight.tlog", {dialect.MAVLINK_MSG_ID_STATUSTEXT}
+    ):
         sender = ids(message)
         who = OURS if sender[1] in OUR_COMPONENTS else "vehicle message"
         text, before = reader.read(message)

@@ -9,6 +9,7 @@ from math import inf
 from operator import attrgetter
 
 import numpy as np
+from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.guidance.types import SAME_TIME
 from circnav_mav.mav.frames import YawRate
@@ -20,8 +21,11 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.runlog.ticks import NAMES, WORDS, Column, Ticks, Truth
 from circnav_mav.runlog.tlog import message_id
 
-SETPOINT_IDS = frozenset({69, 82, 84})
-"""Message ids of setpoints: MANUAL_CONTROL, SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED."""
+SETPOINT_IDS = frozenset((
+    dialect.MAVLINK_MSG_ID_MANUAL_CONTROL, dialect.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET,
+    dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+))  # fmt: skip
+"""Message ids of setpoints."""
 STEERING = attrgetter("orbit", "tuning", "estimator", "ranging", "turn_gain", "file.orbit")
 """Values of a mission that determine the turn commands of a pilot."""
 COMPARED = ("r", "r_dot", "demanded", "turn_rate")

@@ -3,12 +3,18 @@
 from collections.abc import Container
 from typing import cast
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
 
-COMPANIONS = (194, 193, 191)
-"""Component ids that circnav may use, in order of preference (MAV_COMP_ID_ONBOARD_COMPUTER4, 3 and
-1). 192 is reserved for a ranging radio."""
+COMPANIONS = (
+    dialect.MAV_COMP_ID_ONBOARD_COMPUTER4,
+    dialect.MAV_COMP_ID_ONBOARD_COMPUTER3,
+    dialect.MAV_COMP_ID_ONBOARD_COMPUTER,
+)
+"""Component ids that circnav may use, in order of preference. ONBOARD_COMPUTER2 is reserved for a
+ranging radio."""
 
 
 class LocateTable(Table):

@@ -1,5 +1,7 @@
 """DISTANCE_SENSOR (132), forwarded by ArduPilot and PX4: range in cm, stamp in ms since boot."""
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.clocks import BOOT_WRAP
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import (
@@ -10,8 +12,8 @@ from circnav_mav.mav.ranging.interface import (
     boot_stamp,
 )
 
-DOWNWARD = 25
-"""MAV_SENSOR_ROTATION_PITCH_270, downward: a height sensor, never a ranging radio."""
+DOWNWARD = dialect.MAV_SENSOR_ROTATION_PITCH_270
+"""Orientation of a height sensor, which is never a ranging radio."""
 UNKNOWN_VARIANCE = (0, 255)
 """Covariances that mean "unknown": 255 by the message definition, and 0, which ArduPilot always
 sends."""
@@ -47,7 +49,6 @@ def _why_never(settings: RangingSettings) -> str:
 
 DISTANCE_SENSOR = RangingMessage(
     type="DISTANCE_SENSOR",
-    id=132,
     read=_read,
     farthest=655.34,
     stamp_wrap=BOOT_WRAP,

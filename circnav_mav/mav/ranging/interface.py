@@ -9,6 +9,8 @@ from enum import Enum
 from math import inf
 from typing import NamedTuple
 
+from pymavlink.dialects.v20 import all as dialect
+
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.calibration import Calibration
 
@@ -123,7 +125,7 @@ class Reading(NamedTuple):
 class RangingMessage:
     """A message type that can carry the range.
 
-    type, id: name and id of the message in MAVLink.
+    type: name of the message in MAVLink.
     read: returns the reading, the reason for a rejection, or None if the message is not from a
         ranging radio.
     farthest: longest plausible range, m.
@@ -136,7 +138,6 @@ class RangingMessage:
     """
 
     type: str
-    id: int
     read: Callable[[Message], Reading | Reject | None]
     farthest: float
     stamp_wrap: float | None
@@ -144,6 +145,11 @@ class RangingMessage:
     forwarded: bool = True
     for_anything: bool = False
     why_never: Callable[[RangingSettings], str] = lambda settings: ""
+
+    @property
+    def id(self) -> int:
+        """Id of the message in MAVLink."""
+        return int(getattr(dialect, f"MAVLINK_MSG_ID_{self.type}"))
 
     def mark_values(self, message: Message) -> dict[str, int | str]:
         return {mark: getattr(message, mark) for mark in self.marks}

@@ -19,7 +19,6 @@ def _read(message: Message) -> Reading | Reject:
 
 NAMED_VALUE_FLOAT = RangingMessage(
     type="NAMED_VALUE_FLOAT",
-    id=251,
     read=_read,
     farthest=1e6,
     stamp_wrap=BOOT_WRAP,

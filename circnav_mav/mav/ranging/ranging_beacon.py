@@ -26,7 +26,6 @@ def _read(message: Message) -> Reading | Reject:
 
 RANGING_BEACON = RangingMessage(
     type="RANGING_BEACON",
-    id=513,
     read=_read,
     farthest=4_294_967.0,
     stamp_wrap=None,
