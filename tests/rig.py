@@ -279,7 +279,7 @@ def make_rig() -> type[Rig]:
 @pytest.fixture(scope="session")
 def copter() -> Any:
     """The adapter of ArduCopter in GUIDED."""
-    return AUTOPILOTS["ardupilot", "copter"](VehicleFacts(speed=15.0))
+    return AUTOPILOTS["ardupilot", "copter"](VehicleFacts(speed=15.0, max_bank=0.7, drag=0.25))
 
 
 @pytest.fixture

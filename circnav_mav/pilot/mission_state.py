@@ -102,7 +102,7 @@ class Outcome:
 class MissionState:
     """Phase, times and outcome of a mission. Only events change the phase."""
 
-    def __init__(self, coast: float = 10.0) -> None:
+    def __init__(self, coast: float) -> None:
         """coast: longest time in the phase COASTING, s."""
         self.coast = coast
         self.phase = Phase.WAIT_LINK

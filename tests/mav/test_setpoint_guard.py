@@ -81,7 +81,7 @@ STICKS = [("px4", "copter stick")]
 def passes(key, limits=ALL, **fields):
     """Return True if the guard passes an adapter's message with some changed fields. Fails if the
     guard blocks it for a reason other than the limits."""
-    adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0, drag=0.05))
+    adapter = AUTOPILOTS[key](VehicleFacts(speed=15.0, max_bank=0.7, drag=0.05))
     message = adapter.setpoint(steer(), FOR, 1.0)
     for name, value in fields.items():
         setattr(message, name, value)

@@ -129,9 +129,11 @@ def test_fleet_offset_does_not_change_circle_of_operator():
 @pytest.mark.parametrize(("key", "sent"), [(PLANE, [16.5]), (COPTER, []), (STICK, [])])
 def test_airspeed_is_commanded_if_setpoints_contain_no_speed(key, sent, monkeypatch):
     mission = rig_mission()
-    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
+    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK, drag=0.25))
     controller = Controller(mission)
-    session = Session(LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK)),))
+    session = Session(
+        LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=BANK, drag=0.25)),)
+    )
     session.identity.peer = Sender(1, 1, "here")
     command = TurnCommand(TurnRate(0.1), TurnRate(0.1), saturated=False)
     for now, pace in enumerate((1.0, 0.95, 1.1), 1):
@@ -152,12 +154,12 @@ def setpoint_passes(key, limits, monkeypatch, *, rate=0.0, speed=15.0, adapters_
     """Return True if the setpoint guard passes a setpoint with this turn rate (rad/s) and speed
     (m/s), from an adapter with this largest bank (rad)."""
     mission = rig_mission()
-    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK))
+    monkeypatch.setitem(mission.__dict__, "facts", VehicleFacts(15.0, max_bank=BANK, drag=0.25))
     monkeypatch.setitem(mission.__dict__, "circle_limits", limits)
     controller = Controller(mission)
     monkeypatch.setattr(Controller, "speed", lambda controller, session: speed)
     session = Session(
-        LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank)),)
+        LinkSettings(), (AUTOPILOTS[key](VehicleFacts(15.0, max_bank=adapters_bank, drag=0.25)),)
     )
     session.identity.peer = Sender(1, 1, "here")
     command = TurnCommand(TurnRate(rate), TurnRate(rate), saturated=False)

@@ -64,8 +64,8 @@ class VehicleFacts:
     """
 
     speed: float
-    max_bank: float = 0.7
-    drag: float = 0.25
+    max_bank: float
+    drag: float
 
     def stick(self, bank: float) -> float:
         """Return the roll stick of MANUAL_CONTROL, thousandths to the right, for a bank (rad, right

@@ -11,7 +11,10 @@ DISTANCE = RangingSettings(message="distance_sensor", sigma_m=0.5)
 
 
 def copter_identity():
-    return Identity(LinkSettings(), adapters("ardupilot", "copter", VehicleFacts(speed=5.0)))
+    return Identity(
+        LinkSettings(),
+        adapters("ardupilot", "copter", VehicleFacts(speed=5.0, max_bank=0.7, drag=0.25)),
+    )
 
 
 class Receiver:
