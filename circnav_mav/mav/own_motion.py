@@ -39,16 +39,13 @@ the attitude."""
 MOST_ANGLE = 6.3
 MOST_RATE = 50.0
 MOST_AIRSPEED = 200.0
-MOST_ALTITUDE = 1e5
+MOST_ALTITUDE = 1e4
 MOST_CLIMB = 20.0
 """Largest plausible climb or sink rate, m/s, more than any supported vehicle has. A faster change
 of an altitude is a reset of its zero."""
 BUNCHED = 0.25
 """Least time, s, assumed between two altitude measurements, because a link may deliver several at
 once."""
-FLOWN_ALTITUDES = -500.0, 6_000.0
-"""Lowest and highest altitude, m, for which airspeed is corrected for air density. Altitudes
-outside are limited to these bounds."""
 FROZEN_ALTITUDE = 2.0
 """Time, s, for which an altitude may stay the same while the vehicle climbs or sinks. Afterwards
 the altitude is treated as missing. ArduCopter repeats VFR_HUD.alt from 15 s after a loss of GPS."""
@@ -109,10 +106,7 @@ class Motion(NamedTuple):
         """
         if self.altitude is None:
             return indicated
-        lowest, highest = FLOWN_ALTITUDES
-        root_of_density: float = (
-            1 - 2.25577e-5 * min(max(self.altitude, lowest), highest)
-        ) ** 2.12794
+        root_of_density: float = (1 - 2.25577e-5 * self.altitude) ** 2.12794
         return indicated / root_of_density
 
 
