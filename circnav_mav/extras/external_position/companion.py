@@ -19,7 +19,8 @@ from circnav_mav.extras.external_position.external_position import (
     Health,
 )
 from circnav_mav.extras.external_position.settings import ExternalPositionSettings
-from circnav_mav.extras.locate.locator import HOME_SIGMA, STREAMS, Locator, vehicle_frames
+from circnav_mav.extras.locate.estimator import HEIGHT_UNKNOWN
+from circnav_mav.extras.locate.locator import STREAMS, Locator, vehicle_frames
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.mav.codec import Decoder, Encoder, Message
@@ -191,7 +192,7 @@ class Companion:
         None if it is unknown."""
         if self._given is not None:
             return Place(
-                now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HOME_SIGMA, up_known=False
+                now, self._given, 0.0, 0.0, 0.0, np.eye(2), up_sigma=HEIGHT_UNKNOWN, up_known=False
             )
         estimated = self._locator.place
         return None if estimated is None else estimated.at(now)

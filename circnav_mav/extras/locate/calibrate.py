@@ -14,12 +14,14 @@ from circnav_mav.cli.progress import progress
 from circnav_mav.extras.locate.command import mission_of, name_of, output, read
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
+    HEIGHT_UNKNOWN,
     UNCALIBRATED,
     Knowledge,
     NotLocated,
     Ranges,
     Track,
     locate,
+    spread,
 )
 from circnav_mav.extras.locate.logs.interface import ReadOptions
 from circnav_mav.extras.locate.place import Array, Place, Plane
@@ -255,7 +257,7 @@ def _target_height(
     # 0.1: standard deviation of the mission's height, m. It is small because the flight corrects
     # its ranges with the same height. An error of the height changes the calibration, but the flown
     # circle still has the true radius.
-    return (float(track.up.min()), 50.0) if altitude is None else (altitude, 0.1)
+    return (float(track.up.min()), HEIGHT_UNKNOWN) if altitude is None else (altitude, 0.1)
 
 
 def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:
@@ -281,8 +283,8 @@ def _bins(true: Array, error: Array) -> list[Bin]:
         # 10: smallest number of ranges in a bin.
         if these.sum() >= 10:
             middle = float(np.median(error[these]))
-            spread = 1.4826 * float(np.median(np.abs(error[these] - middle)))
-            found.append(Bin(float(np.median(true[these])), middle, spread, int(these.sum())))
+            scatter = spread(error[these] - middle)
+            found.append(Bin(float(np.median(true[these])), middle, scatter, int(these.sum())))
     return found
 
 

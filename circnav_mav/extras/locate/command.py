@@ -8,7 +8,7 @@ import numpy as np
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.progress import progress
-from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, locate
+from circnav_mav.extras.locate.estimator import HEIGHT_UNKNOWN, Knowledge, NotLocated, locate
 from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs
@@ -87,7 +87,7 @@ def locate_log(
             # these clocks are not synchronized.
             known = Knowledge(
                 up=float(heights.min()) if up is None else up,
-                up_sigma=50.0 if up is None else 1.0,
+                up_sigma=HEIGHT_UNKNOWN if up is None else 1.0,
                 gps_sigma=gps_sigma,
                 bias_sigma=bias,
                 delay_sigma=0.5,

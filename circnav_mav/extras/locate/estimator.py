@@ -47,6 +47,11 @@ AMBIGUOUS = 12.0
 CALIBRATED = 0.0003
 """Standard deviation of the scale error of a calibrated radio. A quartz clock errs by 20 ppm. Air
 slows radio waves by 300 ppm, which many radios do not correct."""
+HEIGHT_UNKNOWN = 50.0
+"""Standard deviation of the target's height, m, if it is only assumed: at home, or below the
+track."""
+GPS_SIGMA = 1.5
+"""Standard deviation of a position without RTK, per axis, m, unless the receiver reports more."""
 UNCALIBRATED = 0.1
 """Standard deviation of the scale error of an uncalibrated radio."""
 ROUGH = 0.25
@@ -118,8 +123,8 @@ class Knowledge:
     """
 
     up: float
-    up_sigma: float = 50.0
-    gps_sigma: float = 1.5
+    up_sigma: float = HEIGHT_UNKNOWN
+    gps_sigma: float = GPS_SIGMA
     bias_sigma: float = 2.0
     scale_sigma: float = CALIBRATED
     delay_sigma: float = 0.15
@@ -223,7 +228,7 @@ def _contest(
     chosen = [_best(fit.chi2, penalty, len(ranges.r))]
     residual, sigma = (part[0] for part in problem.residual(fit.x[chosen]))
     off = residual / sigma
-    keep = np.abs(off) <= OUTLIER * max(1.4826 * float(np.median(np.abs(off))), 1.0)
+    keep = np.abs(off) <= OUTLIER * max(spread(off), 1.0)
     if keep.sum() < LEAST:
         return NotLocated("no place fits the ranges")
     kept = ranges.take(keep)
@@ -348,8 +353,7 @@ def _candidates(
         start = fit.x
         best = [_best(fit.chi2, penalty, len(thin.r))]
         residual, sigma = problem().residual(start[best])
-        spread = 1.4826 * float(np.median(np.abs(residual)))
-        noise = _noise(spread**2, sigma, problem().ranges)
+        noise = _noise(spread(residual) ** 2, sigma, problem().ranges)
     # A jump of the positions can keep the fitted delay at a wrong number of whole periods: start
     # the next fit without a delay.
     start[:, DELAY] = 0.0
@@ -365,6 +369,12 @@ def _noise(variance: float, sigma: Array, ranges: Ranges) -> float:
     white = float(np.mean(sigma**2 - ranges.sigma**2))
     # 0.01: smallest share of the variance that is noise of the ranges, and their least noise, m.
     return float(max(variance - white, 0.01 * variance, _rounding(ranges.r) ** 2, 0.01**2) ** 0.5)
+
+
+def spread(values: Array) -> float:
+    """Return the standard deviation of normal noise around 0 by its median magnitude, which
+    tolerates outliers."""
+    return 1.4826 * float(np.median(np.abs(values)))
 
 
 def _rounding(values: Array) -> float:
@@ -385,7 +395,7 @@ def _white(track: Track, known: Knowledge) -> Array:
     for axis, way in enumerate((track.east, track.north, track.up)):
         # The fifth difference of a smooth motion is small. That of white noise has 252 times its
         # variance.
-        rough = 1.4826 * float(np.median(np.abs(np.diff(way, 5)))) if len(way) > LEAST else 0.0
+        rough = spread(np.diff(way, 5)) if len(way) > LEAST else 0.0
         variances[axis] = max(min(rough / 252**0.5, known.gps_sigma), _rounding(way)) ** 2
     return variances
 

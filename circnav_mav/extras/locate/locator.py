@@ -13,7 +13,15 @@ from math import hypot, isfinite, pi
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 
-from circnav_mav.extras.locate.estimator import Knowledge, NotLocated, Ranges, Track
+from circnav_mav.extras.locate.estimator import (
+    GPS_SIGMA,
+    HEIGHT_UNKNOWN,
+    LEAST,
+    Knowledge,
+    NotLocated,
+    Ranges,
+    Track,
+)
 from circnav_mav.extras.locate.export import named_values, orbit_status
 from circnav_mav.extras.locate.gps_fix import GpsFix
 from circnav_mav.extras.locate.place import Place, Plane
@@ -54,20 +62,10 @@ HEIGHT_SIGMA = 5.0
 """Standard deviation of a height that the mission gives, m: drift of the barometer and error of the
 operator's value."""
 CALIBRATE = "Calibrate the radio: circnav ranging calibrate RUN"
-HOME_SIGMA = 50.0
-"""Standard deviation of the target's altitude, m, if the mission gives no height. The altitude of
-home is then assumed."""
-MIN_COMPARED = 20
-"""Smallest number of positions, and of ranges, in the newest lap for a comparison of the radius
-computed from ranges with the radius computed from positions."""
 SETTLED = 0.05
 """Deviation from the circle's range below which a range is settled, as a share of the radius. If
 90 % of the ranges are settled, both radii are compared. During the approach, the mean distance is
 not a radius."""
-
-
-GPS_SIGMA = 1.5
-"""Standard deviation of a position without RTK, per axis, m, unless the receiver reports more."""
 
 
 class Locator:
@@ -218,7 +216,7 @@ class Locator:
         ranges = Ranges(*np.array(self._ranges).T)
         height = self._pilot.height(now)
         up, sigma = (
-            (self._home, HOME_SIGMA)
+            (self._home, HEIGHT_UNKNOWN)
             if height is None
             else (self._track[-1][3] - height, HEIGHT_SIGMA)
         )
@@ -263,7 +261,7 @@ class Locator:
             return
         lap = slice(whole[-1], None)
         ranges = np.array([slant for at, slant, _ in self._ranges if at >= time[whole[-1]]])
-        if min(len(ranges), len(around[lap])) < MIN_COMPARED:
+        if min(len(ranges), len(around[lap])) < LEAST:
             return
         radius = self._pilot.orbit.radius
         height = self._pilot.height(place.time) or 0.0

@@ -18,8 +18,8 @@ import numpy as np
 from circnav_sim.sensor import CHARACTERS
 from circnav_sim.world import HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG
 
-from circnav_mav.extras.locate.estimator import Knowledge
-from circnav_mav.extras.locate.locator import HOME_SIGMA, Locator
+from circnav_mav.extras.locate.estimator import HEIGHT_UNKNOWN, Knowledge
+from circnav_mav.extras.locate.locator import Locator
 from circnav_mav.extras.locate.place import CHI95, Place
 from circnav_mav.guidance.circle_change import CircleRequest
 from tests.extras.locate.flown import LocatingFlight, laps, locating_flight, nees
@@ -151,7 +151,7 @@ def bound(flown: LocatingFlight, locator: Locator) -> tuple[float, float]:
     white = radio.noise_m if kind.white is None else kind.white
     drift = kind.drift**2 * np.exp(-np.abs(times[:, None] - times) / kind.drift_time)
     fisher = slopes.T @ np.linalg.solve(drift + white**2 * np.eye(len(times)), slopes)
-    fisher[[2, 3], [2, 3]] += HOME_SIGMA**-2, Knowledge(0.0).bias_sigma ** -2
+    fisher[[2, 3], [2, 3]] += HEIGHT_UNKNOWN**-2, Knowledge(0.0).bias_sigma ** -2
     variances = np.diag(np.linalg.inv(fisher))
     return CHI95 * float(np.sqrt(variances[:2].mean())), 1.96 * float(np.sqrt(variances[2]))
 

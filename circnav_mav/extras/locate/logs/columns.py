@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from circnav_mav.extras.locate.estimator import LEAST
 from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions, by_boot
 from circnav_mav.extras.locate.range_log import RangeLog
 from circnav_mav.foreign import printable, read_lines
@@ -40,8 +41,6 @@ HEADER = (
 ONE_TAG = "target"
 MISSING = frozenset({"", "na", "n/a", "#n/a", "nan", "null", "none", "nil", "-", "--"})
 """Texts of a cell without a value, in lower case: pandas and R write NaN and NA, databases NULL."""
-MIN_COMPARED = 20
-"""Smallest number of positions with which the unit of the times is checked."""
 LEAST_SIGMA = 1e-3
 """Smallest standard deviation that is used, m. Some tables contain zero for an unknown one."""
 
@@ -211,7 +210,7 @@ def _log(rows: Iterable[_Row], damaged: list[RunError]) -> RangeLog:
 
 def _check_time_unit(log: RangeLog, column: Column, name: str) -> None:
     """Raise RunError if the positions fit another unit of time much better."""
-    if len(log.positions) < MIN_COMPARED:
+    if len(log.positions) < LEAST:
         return
     track = log.track(log.plane())
     steps = np.diff(track.time)
