@@ -109,9 +109,10 @@ class Allowance:
         """Bytes that were dropped."""
         self._since_dropped = Since()
 
-    def flooded(self, now: float) -> bool:
-        """True if bytes were dropped within the last FLOODED seconds."""
-        return self._since_dropped.age(now) < FLOODED
+    def flood(self, now: float) -> int:
+        """Return the total of the dropped bytes, 0 if none was dropped within the last FLOODED
+        seconds."""
+        return self.dropped if self._since_dropped.age(now) < FLOODED else 0
 
     def take(self, size: int, now: float) -> bool:
         """Return True if this number of bytes may be read, and deduct it from the budget."""

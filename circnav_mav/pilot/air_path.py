@@ -83,7 +83,8 @@ class AirPath:
         thrust_acceleration, force = self._session.motion.forces(now)
         steering = self._mission.steering
         if self._session.adapter.airspeed_from_drag:
-            scale = self._tracker.trusted_scale
+            relative = self._tracker.relative
+            scale = None if relative is None else relative.scale
             return air.through_air(nose, force, steering=steering, scale=scale)
         settled = self._controller.vehicle.at_speed
         return air.over_ground(nose, thrust_acceleration, force, steering=steering, settled=settled)

@@ -491,7 +491,7 @@ def _airspeed_implausible(view: StepView) -> Active | None:
 
 def _bank_limit(view: StepView) -> Active | None:
     # A plane that banks by more than 0.95 of the mission's limit has shown no limit of its own.
-    if not view.bank_limit or view.bank_limit > 0.95 * view.settings.facts.max_bank:
+    if view.bank_limit > 0.95 * view.settings.facts.max_bank:
         return None
     return Active(f"vehicle banks {degrees(view.bank_limit):.0f} deg at most")
 

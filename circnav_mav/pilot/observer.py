@@ -81,7 +81,6 @@ class Observer:
         height = tracker.height
         mission = pilot.mission
         controller = pilot.controller
-        allowance = pilot.connection.allowance
         frames = pilot.connection.counts[VEHICLE].frames
         counts = Rates(frames, tracker.accepted, ranging.unexplained, self.setpoints_sent)
         self._rates.take(now, counts, steering=mission.steering)
@@ -91,8 +90,7 @@ class Observer:
         motion = session.motion.at(now)
         model = controller.vehicle
         air = session.adapter.air
-        relative = estimate.relative or UNKNOWN
-        where = relative if relative.trusted else UNKNOWN
+        where = tracker.relative or UNKNOWN
         vehicle = session.adapter.name if session.up else "no vehicle yet"
         lateral = model.bank_limit.bank * (pilot.own.airspeed if pilot.own else inf)
         # uplink_silent, 2.0: time without an answer to TIMESYNC, s, after which an alarm is raised.
@@ -144,7 +142,7 @@ class Observer:
             trusted=pilot.trusted,
             second_senders=tuple(session.identity.second_senders.recent(now)),
             second_controller=pilot.second_controller.evidence(now),
-            flood=allowance.dropped / 1000 if allowance.flooded(now) else 0.0,
+            flood=pilot.connection.allowance.flood(now) / 1000,
             uplink_silent=session.timesync.silent(now, 2.0),
             stalled=pilot.authority.stalled(now),
             clock_speed=session.vehicle.clock_speed.found,
@@ -181,7 +179,7 @@ class Observer:
             speed=controller.speed(session),
             lean_share=session.adapter.speed_share,
             lean_limit=0.0 if air is None else atan(air.lean.found / GRAVITY),
-            bank_limit=atan(lateral / GRAVITY) if lateral < inf else None,
+            bank_limit=atan(lateral / GRAVITY),
         )
         self.records.append(self.view)
         return self.view

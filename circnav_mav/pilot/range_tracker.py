@@ -8,7 +8,13 @@ from statistics import median
 from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
-from circnav_mav.guidance.types import SAME_TIME, RangeEstimate, RangeSample, RateSample
+from circnav_mav.guidance.types import (
+    SAME_TIME,
+    RangeEstimate,
+    RangeSample,
+    RateSample,
+    RelativeMotion,
+)
 from circnav_mav.mav.clocks import no_link_delay
 from circnav_mav.mav.codec import Message
 from circnav_mav.mav.ranging.interface import Reject
@@ -134,10 +140,10 @@ class RangeTracker:
         return newest._replace(r=median(lately))
 
     @property
-    def trusted_scale(self) -> float | None:
-        """Airspeed scale of the newest estimate, or None while it is not trusted."""
+    def relative(self) -> RelativeMotion | None:
+        """Relative motion of the newest estimate, or None while it is not trusted."""
         relative = self.estimate.relative if self.estimate is not None else None
-        return relative.scale if relative is not None and relative.trusted else None
+        return relative if relative is not None and relative.trusted else None
 
     @property
     def one_way(self) -> float:

@@ -120,8 +120,8 @@ class StepView(TickRecord):
     """Share of the mission's speed that the lean limit allows."""
     lean_limit: float
     """Lean limit found in flight, rad."""
-    bank_limit: float | None
-    """Bank limit found in flight, rad, or None."""
+    bank_limit: float
+    """Bank limit found in flight, rad, 90 deg while unknown."""
 
     @property
     def flies(self) -> bool:
