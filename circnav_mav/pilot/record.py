@@ -102,9 +102,9 @@ class TickRecord:
     rejected: Annotated[int, Column("number of rejected ranges so far")]
     measured_rate: Annotated[
         Number, Column("range rate of the radio, minus its estimated offset", "m/s")
-    ] = None
-    desired: Annotated[Number, Column("radius of the current circle", "m")] = None
-    direction: Annotated[str, Column("direction of the current circle")] = ""
+    ]
+    desired: Annotated[float, Column("radius of the current circle", "m")]
+    direction: Annotated[str, Column("direction of the current circle")]
 
 
 COLUMNS: dict[str, Column] = {

@@ -6,7 +6,6 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from math import degrees
 
 from rich.console import Console
 from rich.live import Live
@@ -17,7 +16,7 @@ from circnav_mav.pilot.loop_step import LoopStep
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.listeners import Listener, Listeners
 from circnav_mav.runtime.picture import Picture
-from circnav_mav.runtime.status import AlarmLog, Status, StatusSource, kind, shown
+from circnav_mav.runtime.status import AlarmLog, Status, StatusSource, in_degrees, kind, shown
 
 PATIENCE = 1.0
 """Longest wait for a stuck terminal at the end of the flight, s."""
@@ -172,15 +171,8 @@ def display_for(
     """Return a live display for a terminal, else a plain one. speed: run seconds per real
     second."""
     if console.is_terminal and not console.is_dumb_terminal:
-        screen: Screen = LiveScreen(
-            console,
-            Picture(
-                pilot.settings.orbit,
-                pilot.output_mode,
-                title,
-                ascii_only=console.options.ascii_only,
-            ),
-        )
+        picture = Picture(title, ascii_only=console.options.ascii_only)
+        screen: Screen = LiveScreen(console, picture)
         # 4: refreshes of the live picture per real second. More cannot be read.
         return Display(screen, pilot, listeners, speed / 4, last=True)
     return Display(PlainScreen(console, alarms.begun), pilot, listeners, speed, last=False)
@@ -189,8 +181,8 @@ def display_for(
 def one_line(status: Status) -> str:
     """Return a status as a line of text."""
     tick = status.tick
-    error = None if tick.r is None or tick.desired is None else tick.r - tick.desired
-    turn = None if tick.turn_rate is None else degrees(tick.turn_rate)
+    error = None if tick.r is None else tick.r - tick.desired
+    turn = in_degrees(tick.turn_rate)
     return (
         f"{tick.time:7.1f} s  {status.phase:<20}  range {shown(tick.r, '{:.2f} m'):>9}  "
         f"error {shown(error, '{:+.2f} m'):>9}  rate {shown(tick.r_dot, '{:+6.2f} m/s'):>10}  "

@@ -10,9 +10,9 @@ from rich.panel import Panel
 from rich.text import Text
 
 from circnav_mav.foreign import printable
-from circnav_mav.guidance.types import Orbit, TurnRate
+from circnav_mav.guidance.types import TurnRate
 from circnav_mav.mav.frames import yaw_rate_from_turn_rate
-from circnav_mav.pilot import OutputMode, TickRecord
+from circnav_mav.pilot import TickRecord
 from circnav_mav.pilot.mission_state import Phase
 from circnav_mav.runtime.status import SILENCED, Status, status_facts
 
@@ -62,13 +62,9 @@ ASCII = Symbols("-", "|", "O", "_.-=+*%#", "+-")
 class Picture:
     """Draws the statuses of a flight, and keeps the recent radius errors for the sparkline."""
 
-    def __init__(
-        self, orbit: Orbit, output_mode: OutputMode, name: str, *, ascii_only: bool
-    ) -> None:
-        self._orbit = orbit
-        self._silenced = SILENCED.get(output_mode, "")
+    def __init__(self, name: str, *, ascii_only: bool) -> None:
+        self._name = name
         self._signs = ASCII if ascii_only else FINE
-        self._title = f"{name}: {orbit.words()}"
         self._errors: deque[tuple[int, float]] = deque(maxlen=CELLS + WIDEST - NARROWEST)
         self._width = NARROWEST
 
@@ -87,7 +83,7 @@ class Picture:
             *(alarms or [("alarms", "none")]),
             ("law", facts["law"]),
             *zip(("waiting", ""), self._folded([facts["waiting"]]), strict=False),
-            *self._circle(status.tick, facts),
+            *self._circle(status, facts),
             ("target", status.target),
             *(
                 (label, line)
@@ -107,10 +103,10 @@ class Picture:
                 shown
             ).append("\n")
         text.right_crop()
+        title = f"{self._name}: {status.view.settings.orbit.words()}, t = {status.time:.1f} s"
         return Panel(
-            text, title=f"{self._title}, t = {status.time:.1f} s", subtitle=HOW_TO_STOP,
-            border_style=_style(status), width=self._width,
-        )  # fmt: skip
+            text, title=title, subtitle=HOW_TO_STOP, border_style=_style(status), width=self._width
+        )
 
     def _phase(self, status: Status, flown: str) -> list[Row]:
         """Return the rows of phase, mode and time flown, and a notice if nothing is sent."""
@@ -118,12 +114,15 @@ class Picture:
         rows: list[Row] = [
             ("phase", Text.assemble(badge, f"  mode {status.tick.mode}", flown and f"   {flown}"))
         ]
-        return [*rows, ("", Text(self._silenced, "bold"))] if self._silenced else rows
+        if silenced := SILENCED.get(status.view.output_mode):
+            rows.append(("", Text(silenced, "bold")))
+        return rows
 
-    def _circle(self, tick: TickRecord, facts: dict[str, str]) -> list[Row]:
+    def _circle(self, status: Status, facts: dict[str, str]) -> list[Row]:
         """Return the rows of range, radius error, range rate and turn rate."""
-        desired = tick.desired or self._orbit.radius
-        limit = self._orbit.max_turn_rate
+        tick = status.tick
+        desired = tick.desired
+        limit = status.view.settings.orbit.max_turn_rate
         share = None if tick.r is None else tick.r / desired - 1
         to_right = (
             None
@@ -133,7 +132,7 @@ class Picture:
         return [
             ("range", facts["range"]),
             ("", f"0 {self._bar(share)} {2 * desired:.0f} m"),
-            ("error", facts["error"] + self._sparkline(tick, desired)),
+            ("error", facts["error"] + self._sparkline(tick)),
             ("range rate", facts["range rate"]),
             ("turn rate", facts["turn rate"]),
             ("", f"left {self._bar(to_right)} right"),
@@ -153,13 +152,13 @@ class Picture:
             cells[at] = signs.mark if abs(share) <= 1 else "<" if share < 0 else ">"
         return "".join(cells)
 
-    def _sparkline(self, tick: TickRecord, desired: float) -> str:
+    def _sparkline(self, tick: TickRecord) -> str:
         """Return the sparkline of the radius error with its time span and maximum. Each cell shows
         the largest error of CELL seconds. In the narrowest picture, the line covers the last
         minute."""
         if tick.r is None:
             return ""
-        error = abs(tick.r - desired)
+        error = abs(tick.r - tick.desired)
         cell = int(tick.time / CELL)
         if self._errors and self._errors[-1][0] == cell:
             error = max(error, self._errors.pop()[1])

@@ -142,9 +142,14 @@ def kind(text: str) -> str:
     return "".join(takewhile(lambda letter: not letter.isdecimal(), text))
 
 
-def shown(value: float | None, form: str) -> str:
-    """Return a number in a format such as "{:.2f} m", or "-" for None."""
-    return "-" if value is None else form.format(value)
+def shown(value: float | None, form: str, unknown: str = "-") -> str:
+    """Return a number in a format such as "{:.2f} m". unknown: text for None."""
+    return unknown if value is None else form.format(value)
+
+
+def in_degrees(angle: float | None) -> float | None:
+    """Return an angle in degrees, None for None."""
+    return None if angle is None else degrees(angle)
 
 
 def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, str]:
@@ -157,20 +162,12 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
     orbit = view.settings.orbit
     # After the flight there are no rates. The texts then omit them.
     frames, accepted, _, setpoints = (
-        "" if rate is None else f"{rate:.1f}/s" for rate in view.rates or (None,) * 4
-    )
-    newest = "no range yet" if tick.range_age is None else f"newest {tick.range_age:.2f} s old"
-    heartbeat = (
-        "no heartbeat yet" if tick.link_age is None else f"heartbeat {tick.link_age:.2f} s old"
+        shown(rate, "{:.1f}/s", "") for rate in view.rates or (None,) * 4
     )
     duration = f" of {flight_time:.0f} s" if isfinite(flight_time) else ""
-    desired = tick.desired or orbit.radius
-    measured = "" if tick.measured_rate is None else f", measured {tick.measured_rate:+.2f} m/s"
-    turn = (
-        "none commanded"
-        if tick.turn_rate is None
-        else f"commanded {degrees(tick.turn_rate):+.1f} deg/s"
-    )
+    measured = shown(tick.measured_rate, ", measured {:+.2f} m/s", "")
+    turn = shown(in_degrees(tick.turn_rate), "commanded {:+.1f} deg/s", "none commanded")
+    heading = in_degrees(tick.heading)
     limit = (
         "AT LIMIT" if tick.saturated else "limit"
     )  # near the front, so that a narrow terminal shows it
@@ -181,28 +178,30 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
     others = f"; {status.others} of other senders" if status.others else ""
     return {
         "vehicle": view.vehicle,
-        "flown": "" if status.flown is None else f"flown {status.flown:.0f} s{duration}",
-        "range": (
-            f"{_with_sigma(tick.r, tick.r_sigma, '.2f', 'm')} horizontal, desired {desired:.1f} m"
-        ),
-        "error": shown(None if tick.r is None else tick.r - desired, "{:+.2f} m"),
+        "flown": shown(status.flown, f"flown {{:.0f}} s{duration}", ""),
+        "range": _with_sigma(tick.r, tick.r_sigma, ".2f", "m")
+        + f" horizontal, desired {tick.desired:.1f} m",
+        "error": shown(None if tick.r is None else tick.r - tick.desired, "{:+.2f} m"),
         "range rate": _with_sigma(tick.r_dot, tick.r_dot_sigma, "+.2f", "m/s") + measured,
         "turn rate": (
             f"{turn} ({limit} {degrees(orbit.max_turn_rate):.1f}), "
             f"gain {tick.turn_gain:.2f}, delay {tick.turn_delay:.2f} s"
         ),
-        "heading": shown(
-            None if tick.heading is None else degrees(tick.heading) % 360, "{:03.0f} deg"
-        ),
+        "heading": shown(None if heading is None else heading % 360, "{:03.0f} deg"),
         "law": status.why or tick.law or "none",
         "waiting": view.waits,
         "target": status.target,
         **status.added,
         "ranging": _listed(
-            accepted and f"{accepted} accepted", newest, f"stale at {view.settings.stale:.2f} s"
+            accepted and f"{accepted} accepted",
+            shown(tick.range_age, "newest {:.2f} s old", "no range yet"),
+            f"stale at {view.settings.stale:.2f} s",
         ),
         "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
-        "link": _listed(frames and f"{frames} frames", heartbeat),
+        "link": _listed(
+            frames and f"{frames} frames",
+            shown(tick.link_age, "heartbeat {:.2f} s old", "no heartbeat yet"),
+        ),
         "senders": view.trusted,
         "setpoints": _listed(setpoints, f"{view.setpoints} total"),
     }

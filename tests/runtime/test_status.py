@@ -17,7 +17,6 @@ from circnav_mav.runtime.status import StatusSource, status_facts
 from tests.flight.lockstep import flight
 from tests.rig import Rig
 
-ORBIT = flight("quickstart").pilot.settings.orbit
 GROUND = ("sim.start.altitude_m=0.0", "sim.start.armed=false", 'sim.start.mode="STABILIZE"')
 BACK = "the operator has control: enter GUIDED again to give control to circnav"
 STALE = (
@@ -26,10 +25,10 @@ STALE = (
 )
 
 
-def drawn(*statuses, ascii_only=False, output_mode=OutputMode.FLY, columns=80):
+def drawn(*statuses, ascii_only=False, columns=80):
     """Return the picture of the last of these statuses as lines of text."""
     console = Console(width=columns, file=io.StringIO(), color_system=None)
-    picture = Picture(ORBIT, output_mode, "small", ascii_only=ascii_only)
+    picture = Picture("small", ascii_only=ascii_only)
     for status in statuses:
         last = picture.draw(status, columns)
     console.print(last)
@@ -127,7 +126,7 @@ def test_status_shows_dry_run_and_reason_for_law(statuses):
     assert seen[-1].tick.law == ""
     dry = statuses(6.0, output=OutputMode.DRY_RUN)[-1]
     assert (dry.phase, dry.view.setpoints) == ("would steer", 0)
-    shown = "\n".join(drawn(dry, output_mode=OutputMode.DRY_RUN))
+    shown = "\n".join(drawn(dry))
     assert "DRY RUN: no setpoint" in shown
 
 
@@ -157,9 +156,7 @@ def test_status_picture_uses_width_of_terminal(statuses):
     """The bar has 41 cells at 80 columns and 101 cells at 140 columns. At 140 columns no text is
     shortened."""
     for columns, cells in ((60, 41), (80, 41), (140, 101)):
-        picture = Picture(ORBIT, OutputMode.FLY, "small", ascii_only=False).draw(
-            statuses(12.0)[-1], columns
-        )
+        picture = Picture("small", ascii_only=False).draw(statuses(12.0)[-1], columns)
         assert picture.width == max(columns, 80)
         assert (
             max(
@@ -182,7 +179,7 @@ def test_status_picture_on_short_terminal_shows_phase_and_alarm(statuses, height
     console = Console(
         width=80, height=height, file=io.StringIO(), color_system=None, force_terminal=True
     )
-    screen = LiveScreen(console, Picture(ORBIT, OutputMode.FLY, "small", ascii_only=False))
+    screen = LiveScreen(console, Picture("small", ascii_only=False))
     assert console.file.getvalue() == ""
     screen.draw(statuses(10.2, event="outage")[-1])
     seen = console.file.getvalue()
@@ -199,7 +196,7 @@ def test_status_bars_and_sparkline_follow_turn_and_error(statuses):
     circle."""
     far = next(line for line in drawn(statuses(6.0)[-1]) if line.startswith("│             0 "))
     assert far.rstrip(" │").endswith("> 200 m")
-    picture = Picture(ORBIT, OutputMode.FLY, "small", ascii_only=False)
+    picture = Picture("small", ascii_only=False)
     flown = statuses(40.0)
     for status in flown:
         lines = picture.draw(status).renderable.plain.splitlines()
