@@ -2,6 +2,7 @@
 
 import csv
 from array import array
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite, nan
@@ -123,31 +124,17 @@ def read_ticks(folder: Path) -> Ticks:
         times = numbers["time"]
         # Convert line by line: the text of a long flight needs ten times the memory of its numbers.
         for line, row in enumerate(reader, 2):
-            if len(row) == len(header):
+            if len(row) != len(header):
+                continue
+            try:
                 for name, cell in zip(header, row, strict=True):
                     if name in words:
-                        if name in CHOICES and cell not in CHOICES[name]:
-                            raise ValueError(
-                                f"line {line}: {name}: {cell[:40]!r} is none of"
-                                f" {', '.join(filter(None, CHOICES[name]))}"
-                            )
-                        words[name].append(intern(cell))
-                        continue
-                    try:
-                        numbers[name].append(float(cell) if cell else nan)
-                    except ValueError:
-                        raise ValueError(
-                            f"line {line}: {name}: {cell[:40]!r} is not a number"
-                        ) from None
-                # Upper bound of a run time, s. A larger time means a damaged file.
-                if not 0 <= times[-1] < 1e9:
-                    raise ValueError(
-                        f"line {line}: time: must be seconds of the run, not {times[-1]:g}"
-                    )
-                if len(times) > 1 and times[-1] < times[-2]:
-                    raise ValueError(
-                        f"line {line}: time: {times[-1]:.6f} comes after {times[-2]:.6f}"
-                    )
+                        words[name].append(_word(name, cell))
+                    else:
+                        numbers[name].append(_number(name, cell))
+                _check_time(times)
+            except ValueError as error:
+                raise ValueError(f"line {line}: {error}") from None
     count = len(times)
     if count > 1 and times[0] == times[-1]:
         raise ValueError("line 3: time: does not increase to the end")
@@ -159,6 +146,31 @@ def read_ticks(folder: Path) -> Ticks:
         {name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()},
         words,
     )
+
+
+def _word(name: str, cell: str) -> str:
+    """Return the text of a cell. Raises ValueError if the column may not hold it."""
+    if name in CHOICES and cell not in CHOICES[name]:
+        choices = ", ".join(filter(None, CHOICES[name]))
+        raise ValueError(f"{name}: {cell[:40]!r} is none of {choices}")
+    return intern(cell)
+
+
+def _number(name: str, cell: str) -> float:
+    """Return the number in a cell, NaN if it is empty. Raises ValueError."""
+    try:
+        return float(cell) if cell else nan
+    except ValueError:
+        raise ValueError(f"{name}: {cell[:40]!r} is not a number") from None
+
+
+def _check_time(times: Sequence[float]) -> None:
+    """Raise ValueError if the newest time is impossible, or before the time of the line above."""
+    # Upper bound of a run time, s. A larger time means a damaged file.
+    if not 0 <= times[-1] < 1e9:
+        raise ValueError(f"time: must be seconds of the run, not {times[-1]:g}")
+    if times[-1] < times[-2:][0]:
+        raise ValueError(f"time: {times[-1]:.6f} comes after {times[-2]:.6f}")
 
 
 def read_truth(folder: Path, epoch_us: int, system: int | None = None) -> Truth | None:
