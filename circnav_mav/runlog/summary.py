@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -59,14 +60,16 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     never engaged. They use only recorded ticks that steered by a fresh range, because predictions
     in an outage are not measurements. If parts were not recorded, `recording_problem` reports it.
     """
-    start = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
+    engaged = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
+    # A flight that never engaged starts after all ticks.
+    start = inf if engaged is None else engaged
     end = (
         float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
     )
-    flown = ticks.time >= (np.inf if start is None else start)
+    flown = ticks.time >= start
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.words["phase"]], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
-    circles = _circles(ticks, known, facts.orbit, start or 0.0)
+    circles = _circles(ticks, known, facts.orbit, engaged or 0.0)
     newest = circles[-1]
     orbit = replace(
         facts.orbit,
@@ -88,35 +91,29 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
         orbit,
     )
     height = ticks.numbers["height"][flown & steered]
-    height = height[~np.isnan(height)]
+    heights = height[~np.isnan(height)].tolist()
     # Sense of the commanded turn, summed over the last third of the newest circle. Turns on the way
     # to the circle are left out.
     lately = flown & steered & (ticks.time >= begun)
     turned = np.nansum(metrics.last_part(ticks.time[lately], ticks.numbers["turn_rate"][lately]))
-    commanded = (
-        None if turned == 0 else Direction.COUNTERCLOCKWISE if turned > 0 else Direction.CLOCKWISE
-    )
+    senses = {direction.turn_sign: direction.value for direction in Direction}
     summary = asdict(facts)
     for used in ("orbit", "engaged_s", "until_s"):
         del summary[used]
     return summary | {
         "desired_radius_m": orbit.radius,
         "direction": orbit.direction.value,
-        "direction_commanded": commanded.value if commanded else None,
-        "engaged_s": start,
-        "flown_s": end - start if start is not None else 0.0,
-        "steered_s": 0.0
-        if start is None
-        else max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
+        "direction_commanded": senses.get(int(np.sign(turned))),
+        "engaged_s": engaged,
+        "flown_s": max(end - start, 0.0),
+        "steered_s": max(end - start - float(np.diff(ticks.time)[without].sum()), 0.0),
         **{name: circles[-1][name] for name in (*FIGURES, "radius_sigma_m")},
         "circles": circles,
-        "height_min_m": float(height.min()) if len(height) else None,
-        "height_max_m": float(height.max()) if len(height) else None,
+        "height_min_m": min(heights, default=None),
+        "height_max_m": max(heights, default=None),
         **(asdict(turn) if turn else dict.fromkeys(NAMES)),
         **_vehicle(ticks, flown & steered),
-        "truth": None
-        if truth is None or start is None
-        else _truth(truth, max(start, begun), end, orbit),
+        "truth": None if truth is None else _truth(truth, max(start, begun), end, orbit),
         "recording_problem": _problem(facts.recording_problem, ticks, truth, end),
     }
 

@@ -141,9 +141,8 @@ def read_ticks(folder: Path) -> Ticks:
     missing = NAMES - set(header)
     words |= {name: [""] * count for name in missing & WORDS}
     numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
-    columns = {name: np.array(cells) for name, cells in numbers.items()}
     return Ticks(
-        {name: np.where(np.abs(column) < MOST, column, nan) for name, column in columns.items()},
+        {name: _plausible(np.array(cells)) for name, cells in numbers.items()},
         words,
     )
 
@@ -162,6 +161,11 @@ def _number(name: str, cell: str) -> float:
         return float(cell) if cell else nan
     except ValueError:
         raise ValueError(f"{name}: {cell[:40]!r} is not a number") from None
+
+
+def _plausible(column: Column) -> Column:
+    """Return a column with NaN instead of impossible numbers."""
+    return np.where(np.abs(column) < MOST, column, nan)
 
 
 def _check_time(times: Sequence[float]) -> None:
