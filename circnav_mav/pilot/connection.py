@@ -96,6 +96,12 @@ class Connection:
         }
         return source in trusted or self.allowance.take(size, now)
 
+    @property
+    def no_vehicle(self) -> str:
+        """Reason why no vehicle of the mission was found, human-readable."""
+        misfits = "; ".join(self.session.identity.misfits.values())
+        return misfits or f"no autopilot heartbeat, {self.counts[VEHICLE].describe()}"
+
     def take_frames(self) -> list[bytes]:
         """Return the complete frames received on all links since the last call."""
         frames = self._frames

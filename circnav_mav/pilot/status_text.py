@@ -7,8 +7,6 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 from circnav_mav.mav.ranging.interface import Reject, describe_rejected
-from circnav_mav.mav.ranging.table import RANGING_MESSAGES
-from circnav_mav.mission.mission import VEHICLE
 from circnav_mav.pilot.authority import denied, unreported
 from circnav_mav.pilot.mission_state import Ending, Outcome, Phase
 from circnav_mav.pilot.range_tracker import FRESH
@@ -97,43 +95,45 @@ def _no_vehicle(pilot: Pilot) -> str:
     session = pilot.session
     if session.up and session.vehicle.unproven:
         return "the vehicle's identity is not confirmed: no boot time yet (ATTITUDE, SYSTEM_TIME)"
-    if session.identity.misfits:
-        return "; ".join(session.identity.misfits.values())
-    return f"no autopilot heartbeat, {pilot.connection.counts[VEHICLE].describe()}"
+    return pilot.connection.no_vehicle
 
 
 def _not_ready(pilot: Pilot, now: float) -> str:
     """Return a text about missing ranging or missing required telemetry."""
     tracker = pilot.tracker
-    missing = unreported(pilot.session, now)
-    if not missing and (unknown := tracker.height.why_unknown(now)):
+    ready = tracker.estimator.ready
+    if missing := unreported(pilot.session, now):
+        return missing if ready else _no_ranging(pilot, now)
+    if unknown := tracker.height.why_unknown(now):
         return unknown
     age = tracker.age(now)
-    ready = tracker.estimator.ready
     # A user-defined estimator may reject all ranges until it receives the vehicle's motion. A
     # hovering copter reports no motion before the engagement, which waits for the estimator.
     gated = tracker.ranging.rejected[Reject.GATED.value] if age is None else 0
     received_any = gated or (age is not None and age <= pilot.settings.stale)
-    if not ready and not missing and received_any:
+    if not ready and received_any:
         name = pilot.settings.estimator
         needs = _NEEDS.get(
             name, "; this estimator first needs the vehicle's motion (estimator auto does not)"
         )
         counted = f"{gated} ranges gated" if gated else f"{tracker.accepted} ranges accepted"
         return f"{counted}, estimator {name} has not converged yet{needs}"
-    if ready and missing:
-        return missing
-    sources = tracker.ranging.sources
+    return _no_ranging(pilot, now)
+
+
+def _no_ranging(pilot: Pilot, now: float) -> str:
+    """Return a text about ranges that are missing, or not used yet."""
+    connection = pilot.connection
+    sources = pilot.tracker.ranging.sources
     if choice := sources.choice(now):
         return choice
-    if ready and not sources.listened(now):
+    if pilot.tracker.estimator.ready and not sources.listened(now):
         return "checking for a second range source"
-    wanted = RANGING_MESSAGES[pilot.settings.ranging.message]
-    rejected = tracker.ranging.rejected
-    received = pilot.connection.counts[pilot.connection.ranging_link].describe()
+    rejected = pilot.tracker.ranging.rejected
+    received = connection.counts[connection.ranging_link].describe()
     others = f"; {found}" if (found := sources.others(now)) else ""
     words = f"rejected: {describe_rejected(rejected)}; {received}{denied(pilot.session)}{others}"
-    return f"no ranging: no usable {wanted.type}, {words}"
+    return f"no ranging: no usable {connection.ranging_message.type}, {words}"
 
 
 # --- lost data

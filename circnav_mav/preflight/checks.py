@@ -30,8 +30,7 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
     """Return all lines of a completed preflight. clock_speed: speed of the run's clock relative to
     real time. It differs from 1 only if the run follows the autopilot's clock."""
     if not listener.session.up:
-        misfits = "; ".join(listener.session.identity.misfits.values())
-        why = misfits or f"no autopilot heartbeat, {listener.connection.counts[VEHICLE].describe()}"
+        why = listener.connection.no_vehicle
         return [Check(FAIL, "vehicle", f"no vehicle for this mission: {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
     lines = [line for part in parts for line in part(mission, listener)]
