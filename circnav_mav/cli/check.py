@@ -60,6 +60,17 @@ def read_mission(path: str, overrides: tuple[str, ...]) -> Mission:
     return mission
 
 
+def flown_overrides(
+    overrides: tuple[str, ...], endpoint: str | None, duration: float | None = None
+) -> tuple[str, ...]:
+    """Return the overrides of a mission with the options --endpoint and --duration."""
+    options = (
+        *([] if endpoint is None else [f'link.endpoint="{endpoint}"']),
+        *([] if duration is None else [f"limits.duration_s={duration}"]),
+    )
+    return (*overrides, *options)
+
+
 def _with_options(error: str, path: str, overrides: tuple[str, ...]) -> str:
     """Return the error text of a mission. If the error is about keys that --set changed, the text
     names these options instead of the file."""

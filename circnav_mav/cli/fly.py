@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
-from circnav_mav.cli.check import read_mission, refuse_failing
+from circnav_mav.cli.check import flown_overrides, read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import (
     link_troubles,
@@ -91,10 +91,7 @@ def fly_mission(
     # From now on, a signal ends the flight, not the process.
     stop = StopRequest()
     output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
-    quoted = None if endpoint is None else f'"{endpoint}"'
-    values = {"link.endpoint": quoted, "limits.duration_s": duration}
-    given = (f"{key}={value}" for key, value in values.items() if value is not None)
-    mission = read_mission(path, (*overrides, *given))
+    mission = read_mission(path, flown_overrides(overrides, endpoint, duration))
     if speed is not None and not mission.flies_sim:
         raise Refused(
             "--speed: only the bundled vehicle can be simulated faster, not"

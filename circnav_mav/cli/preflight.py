@@ -2,7 +2,13 @@
 
 from contextlib import ExitStack
 
-from circnav_mav.cli.check import read_mission, refuse_failing, show_checks, show_counts
+from circnav_mav.cli.check import (
+    flown_overrides,
+    read_mission,
+    refuse_failing,
+    show_checks,
+    show_counts,
+)
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, say
 from circnav_mav.extension import extensions, load
@@ -23,9 +29,7 @@ def preflight_file(
     Refused."""
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
-    mission = read_mission(
-        path, overrides if endpoint is None else (*overrides, f'link.endpoint="{endpoint}"')
-    )
+    mission = read_mission(path, flown_overrides(overrides, endpoint))
     of_mission = refuse_failing(path, mission, list(Grade) if verbose else [Grade.WARN])
     say(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:

@@ -31,7 +31,7 @@ DRIFT_LAWS = frozenset({"auto", "drift"})
 def check_mission(mission: Mission) -> list[Check]:
     """Return all check lines of a mission."""
     parts = (
-        *(_keys, _vehicle, _tilt, _gps_loss, _own_code, _estimator, _gain),
+        *(_keys, _vehicle, _exit, _tilt, _gps_loss, _own_code, _estimator, _gain),
         *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
@@ -64,22 +64,23 @@ def _vehicle(mission: Mission) -> Iterator[Check]:
         yield Check(FAIL, "autopilot", f"{autopilot} {kind} cannot be flown: {reason}")
         return
     yield Check(PASS, "autopilot", " or ".join(" ".join(one) for one in able))
+
+
+def _exit(mission: Mission) -> Iterator[Check]:
+    """Check that every vehicle that may be flown can end the flight by the exit action."""
+    able = mission.vehicles
     exits = mission.file.exit.action
-    if lacking := [one for one in able.values() if exits not in (None, "stop", *one.exits)]:
+    if lacking := [one for one in able if exits not in (None, "stop", *one.exits)]:
         choice = f"choose {', '.join(lacking[0].exits)}"
         yield Check(FAIL, "exit", f"{lacking[0].name} has no exit action {exits}: {choice}")
-    why = next(
-        (one.firmware.why_must_leave for one in able.values() if one.firmware.why_must_leave), ""
-    )
+    why = next((one.firmware.why_must_leave for one in able if one.firmware.why_must_leave), "")
     if why and (exits == "stop" or mission.file.engage.on_takeover == "wait"):
-        others = [
-            f'"{one.firmware.key}"' for one in able.values() if not one.firmware.why_must_leave
-        ]
+        others = [f'"{one.firmware.key}"' for one in able if not one.firmware.why_must_leave]
         otherwise = f", or vehicle.autopilot {' or '.join(others)}" if others else ""
         words = 'exit.action must command a mode, and engage.on_takeover must be "end"'
         yield Check(FAIL, "exit", f"{why}: {words}{otherwise}")
     elif exits == "stop":
-        for one in able.values():
+        for one in able:
             if one.why_no_stop:
                 words = f"exit.action must command a mode, choose {', '.join(one.exits)}"
                 yield Check(FAIL, "exit", f"{one.why_no_stop}: {words}")

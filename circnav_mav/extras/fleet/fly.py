@@ -7,7 +7,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
-from circnav_mav.cli.check import read_mission, refuse_failing
+from circnav_mav.cli.check import flown_overrides, read_mission, refuse_failing
 from circnav_mav.cli.closing import close_flight, write_manifest
 from circnav_mav.cli.connect import open_listeners
 from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
@@ -58,7 +58,7 @@ def fly_fleet(
         )
     outlive_terminal()
     stop = StopRequest()
-    given = (*overrides, *([f"limits.duration_s={duration}"] if duration is not None else []))
+    given = flown_overrides(overrides, endpoint, duration)
     missions = [
         read_mission(path, tuple(member_overrides(path, i + 1, given, fleet, fleet_compass or 0.0)))
         for i in range(fleet)

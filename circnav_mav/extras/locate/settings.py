@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import all as dialect
 from circnav_mav.mission.mission import Mission
 from circnav_mav.mission.schema import Table
 
-COMPANIONS = (
+COMPANIONS: tuple[int, ...] = (
     dialect.MAV_COMP_ID_ONBOARD_COMPUTER4,
     dialect.MAV_COMP_ID_ONBOARD_COMPUTER3,
     dialect.MAV_COMP_ID_ONBOARD_COMPUTER,
