@@ -138,12 +138,14 @@ def _options_of_extensions(function: Callable[..., None]) -> Callable[..., None]
 )
 @click.option(
     "--dry-run",
-    is_flag=True,
+    "output_mode",
+    flag_value="dry run",
     help="Compute and record the flight, but send no setpoint and request no mode.",
 )
 @click.option(
     "--shadow",
-    is_flag=True,
+    "output_mode",
+    flag_value="shadow",
     help="As --dry-run, but also request no streams: send only heartbeats and the values that a"
     " ground station plots. For a flight beside another controller, whose stream rates must stay.",
 )

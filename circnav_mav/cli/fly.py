@@ -66,8 +66,7 @@ def fly_mission(
     speed: float | None,
     duration: float | None,
     out: str | None,
-    dry_run: bool,
-    shadow: bool,
+    output_mode: str | None,
     **options: Any,
 ) -> int:
     """Fly a mission with the options of `fly`, and return the exit code. options: options that
@@ -81,8 +80,7 @@ def fly_mission(
                 speed=speed,
                 duration=duration,
                 out=out,
-                dry_run=dry_run,
-                shadow=shadow,
+                output_mode=output_mode,
                 **options,
             )
         )
@@ -90,7 +88,6 @@ def fly_mission(
     Thread(target=_import_libraries, daemon=True).start()
     # From now on, a signal ends the flight, not the process.
     stop = StopRequest()
-    output_mode = OutputMode.SHADOW if shadow else OutputMode.DRY_RUN if dry_run else OutputMode.FLY
     mission = read_mission(path, flown_overrides(overrides, endpoint, duration))
     if speed is not None and not mission.flies_sim:
         raise Refused(
@@ -105,7 +102,7 @@ def fly_mission(
             signing, signing_time = open_signing(mission, open_things)
             links = open_links(mission, open_things, stop)
             stop.claim()
-            pilot = Pilot(mission, signing, output_mode)
+            pilot = Pilot(mission, signing, OutputMode(output_mode or "fly"))
             listeners = open_listeners(
                 mission, pilot, signing, options | {"speed": speed}, watched_open
             )

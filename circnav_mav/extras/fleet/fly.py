@@ -36,8 +36,7 @@ def fly_fleet(
     speed: float | None,
     duration: float | None,
     out: str | None,
-    dry_run: bool,
-    shadow: bool,
+    output_mode: str | None,
     fleet: int,
     fleet_loss: float | None,
     fleet_delay: float | None,
@@ -51,7 +50,7 @@ def fly_fleet(
                 f"{name}: cannot be used with --fleet, which flies the bundled vehicles at full"
                 " speed: omit the option"
             )
-    if dry_run or shadow:
+    if output_mode is not None:
         raise Refused(
             "--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles:"
             " omit the option"
