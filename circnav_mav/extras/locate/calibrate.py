@@ -11,7 +11,7 @@ import tomlkit
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.progress import progress
-from circnav_mav.extras.locate.command import mission_of, name_of, output, read
+from circnav_mav.extras.locate.command import mission_of, name_of, output, read, target_height
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
     HEIGHT_UNKNOWN,
@@ -29,7 +29,6 @@ from circnav_mav.extras.locate.range_log import RangeLog, corrected
 from circnav_mav.extras.locate.units import is_plausible
 from circnav_mav.mav.ranging.calibration import Calibration, rising
 from circnav_mav.mission.load import MissionError, load_mission, read_text
-from circnav_mav.mission.mission import Mission
 from circnav_mav.runlog.atomic_write import write_text
 
 BIAS = 10.0
@@ -101,10 +100,13 @@ def calibrate_radio(
             with refusing(mission, MissionError):
                 # The flight corrects its ranges with the height of this mission.
                 flown = load_mission(Path(mission))
-        up, up_sigma = _target_height(track, altitude, flown)
+        up = target_height(track.up, altitude, flown)
         known = Knowledge(
-            up=up,
-            up_sigma=up_sigma,
+            up=float(track.up.min()) if up is None else up,
+            # 0.1: standard deviation of the mission's height, m. It is small because the flight
+            # corrects its ranges with the same height. An error of the height changes the
+            # calibration, but the flown circle still has the true radius.
+            up_sigma=HEIGHT_UNKNOWN if up is None else 0.1,
             gps_sigma=gps_sigma,
             bias_sigma=BIAS,
             scale_sigma=UNCALIBRATED,
@@ -239,25 +241,6 @@ def _radio(logs: Sequence[RangeLog], tag: str | None, source: Path) -> tuple[Ran
     if len(chosen) > 1:
         log.note(f"{log.vehicle} is used: it has the most ranges")
     return log, name
-
-
-def _target_height(
-    track: Track, altitude: float | None, mission: Mission | None
-) -> tuple[float, float]:
-    """Return the beacon's altitude and its standard deviation, m. The altitude is the given one,
-    else that of the mission, else the track's lowest point."""
-    if altitude is None and mission is not None:
-        above = mission.file.orbit.height_above_target_m
-        altitude = mission.file.orbit.target_altitude_m
-        altitude = (
-            float(np.median(track.up)) - above
-            if altitude is None and above is not None
-            else altitude
-        )
-    # 0.1: standard deviation of the mission's height, m. It is small because the flight corrects
-    # its ranges with the same height. An error of the height changes the calibration, but the flown
-    # circle still has the true radius.
-    return (float(track.up.min()), HEIGHT_UNKNOWN) if altitude is None else (altitude, 0.1)
 
 
 def _errors(place: Place, track: Track, ranges: Ranges) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.parameters import ardupilot
-from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Place
+from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Array, Place
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, corrected, tracks
 from circnav_mav.extras.locate.units import is_plausible, likely_unit
 from circnav_mav.foreign import printable
@@ -57,32 +57,22 @@ def locate_log(
         options = ReadOptions(name_of(range_name, flown), unit, vehicle)
         with progress(f"reading {source.name}"):
             logs = read(source, options)
-        above = None
+        calibration = Calibration()
         if flown is not None:
-            above = flown.file.orbit.height_above_target_m
             sigma = flown.file.ranging.sigma_m if sigma is None else sigma
-            altitude = flown.file.orbit.target_altitude_m if altitude is None else altitude
-        calibration = Calibration() if flown is None else flown.file.ranging.calibration
+            calibration = flown.file.ranging.calibration
         if calibration.is_set:
             say(
                 "note: the log's ranges are corrected with the mission's calibration:"
                 f" {calibration.describe()}"
             )
-        jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
-        unknown = [tag for tag in tags if tag not in (known for _, known in jobs)]
-        if unknown:
-            found = ", ".join(repr(tag) for _, tag in jobs)
-            raise Refused(f"--tag {unknown[0]}: not in {source}, which has: {found}")
+        jobs = _jobs(logs, tags, source)
         for note in dict.fromkeys(note for log in logs for note in log.notes):
             say(f"note: {note}")
         places = {}
         for log, tag in jobs:
-            if tags and tag not in tags:
-                continue
             heights = log.track(log.plane()).up
-            up = altitude
-            if up is None and above is not None:
-                up = float(np.median(heights)) - above
+            up = target_height(heights, altitude, flown)
             # 0.5: standard deviation of the offset between the clocks of positions and ranges, s:
             # these clocks are not synchronized.
             known = Knowledge(
@@ -129,12 +119,35 @@ def name_of(given: str | None, mission: Mission | None) -> str:
     return given or (ReadOptions().range_name if mission is None else mission.file.ranging.name)
 
 
+def target_height(heights: Array, altitude: float | None, mission: Mission | None) -> float | None:
+    """Return the altitude of the target, m: the given one, else that of the mission, None if
+    unknown. heights: altitudes of the vehicle."""
+    if altitude is not None or mission is None:
+        return altitude
+    above = mission.file.orbit.height_above_target_m
+    if mission.file.orbit.target_altitude_m is None and above is not None:
+        return float(np.median(heights)) - above
+    return mission.file.orbit.target_altitude_m
+
+
 def output(out: str | None, source: Path, kind: str) -> Path:
     """Return the path of the results of a log, without suffix: in the folder `out` if given, else
     beside the log."""
     folder = Path(out) if out else source if source.is_dir() else source.parent
     folder.mkdir(parents=True, exist_ok=True)
     return folder / (kind if source.is_dir() else f"{source.stem}.{kind}")
+
+
+def _jobs(
+    logs: Sequence[RangeLog], tags: tuple[str, ...], source: Path
+) -> list[tuple[RangeLog, str]]:
+    """Return the tags to locate, each with its log. Raises Refused."""
+    jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
+    for wanted in tags:
+        if wanted not in (tag for _, tag in jobs):
+            found = ", ".join(repr(tag) for _, tag in jobs)
+            raise Refused(f"--tag {wanted}: not in {source}, which has: {found}")
+    return [(log, tag) for log, tag in jobs if not tags or tag in tags]
 
 
 def _one(

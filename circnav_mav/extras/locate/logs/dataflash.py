@@ -5,7 +5,6 @@ import mmap
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from itertools import pairwise
-from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 from pymavlink.DFReader import DFReader, DFReader_binary, DFReader_text
 
 from circnav_mav.extras.locate.logs.interface import (
-    FAR,
     FIX_3D,
     Format,
     ReadOptions,
@@ -174,20 +172,20 @@ def _collect(
                 tracks[kind].append(((time, latitude, longitude, origin[1] - message.PD), fixed))
             case "RFND":
                 for tag, slant in _rangefinders(message):
-                    _add(log, tag, time, slant, options)
+                    options.add(log, tag, time, slant)
             case "BCN" if message.Health:
                 for number, name in enumerate(BEACONS[: message.Cnt]):
-                    _add(log, f"beacon {number}", time, getattr(message, name), options)
+                    options.add(log, f"beacon {number}", time, getattr(message, name))
             case _ if kind in with_names:
                 log.names.add(message.Name)
                 if message.Name == options.range_name:
                     value = message.Value if "Value" in fields[kind] else message.Val
-                    _add(log, options.range_name, time, value, options)
+                    options.add(log, options.range_name, time, value)
         if kind == named and field in fields[kind]:
             tag = options.range_name
             if "Id" in fields[kind]:  # one message for several beacons
                 tag += f" of {message.Id}"
-            _add(log, tag, time, getattr(message, field), options)
+            options.add(log, tag, time, getattr(message, field))
     # Prefer the position of the autopilot's filter, as telemetry does, to the position of the GPS
     # receiver.
     log.positions = next(
@@ -226,11 +224,6 @@ def _rangefinders(message: Message) -> Iterator[tuple[str, float]]:
         distance = getattr(message, f"Dist{number}", 0.0)
         if distance and getattr(message, f"Orient{number}", DOWNWARD) != DOWNWARD:
             yield f"rangefinder {number - 1}", distance
-
-
-def _add(log: RangeLog, tag: str, time: float, slant: float, options: ReadOptions) -> None:
-    if 0 < slant <= FAR:
-        log.add(tag, time, slant * options.meters, nan)
 
 
 DATAFLASH = Format(

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby, pairwise
-from math import inf
+from math import inf, nan
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -54,6 +54,11 @@ class ReadOptions:
         """Unit of the ranges, m per unit. It is 1 if no unit is given, for log formats that define
         meters."""
         return 1.0 if self.unit is None else self.unit
+
+    def add(self, log: RangeLog, tag: str, time: float, slant: float, sigma: float = nan) -> None:
+        """Add a range in the given unit to a log, unless it is impossible."""
+        if 0 < slant <= FAR:
+            log.add(tag, time, slant * self.meters, sigma * self.meters)
 
 
 class Format(NamedTuple):

@@ -15,7 +15,7 @@ from circnav_mav.extras.locate.logs.interface import (
     by_boot,
     with_fix,
 )
-from circnav_mav.extras.locate.range_log import EmptyLogError, Position, Range, RangeLog
+from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
 from circnav_mav.mav.codec import Ids, Message, ids
 from circnav_mav.mav.ranging.interface import Reading, boot_stamp
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
@@ -63,14 +63,14 @@ class _Sender:
     fixes: True for each receiver with a fix, empty before the first report.
     positions: positions of the autopilot's filter, each with the fix at its time.
     raw: positions of the receivers, by message.
+    log: its ranges and names of values.
     """
 
     vehicle: bool | None = None
     fixes: dict[str, bool] = field(default_factory=dict)
     positions: list[tuple[Position, bool | None]] = field(default_factory=list)
     raw: dict[str, list[tuple[Position, bool | None]]] = field(default_factory=dict)
-    ranges: dict[str, list[Range]] = field(default_factory=dict)
-    names: set[str] = field(default_factory=set)
+    log: RangeLog = field(default_factory=RangeLog)
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
@@ -104,13 +104,11 @@ def _collect(messages: Iterable[tuple[int, Message]], options: ReadOptions) -> l
                     sender.raw.setdefault(kind, []).append((position, sender.fixes[kind]))
             case kind if kind == named and part in message.get_fieldnames():
                 value = getattr(message, part)
-                if isinstance(value, int | float) and 0 < value <= FAR:
-                    source = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
-                    rows = sender.ranges.setdefault(f"{options.range_name} of {source}", [])
-                    rows.append((time, value * options.meters, nan))
+                if isinstance(value, int | float):
+                    options.add(sender.log, f"{options.range_name} of {_of(message)}", time, value)
             case kind:
                 if kind in NAMED:
-                    sender.names.add(message.name)
+                    sender.log.names.add(message.name)
                 tag = _tag(message, options.range_name)
                 reading = _reading(message)
                 if tag is None or reading is None or not 0 < reading.slant <= FAR:
@@ -118,9 +116,7 @@ def _collect(messages: Iterable[tuple[int, Message]], options: ReadOptions) -> l
                 one = reading.stamp, reading.slant
                 if newest.get(tag) != one:  # autopilots repeat the newest range
                     newest[tag] = one
-                    slant = reading.slant * options.meters
-                    sigma = (reading.sigma or nan) * options.meters
-                    sender.ranges.setdefault(tag, []).append((time, slant, sigma))
+                    options.add(sender.log, tag, time, reading.slant, reading.sigma or nan)
     return _by_vehicle(senders, options)
 
 
@@ -140,11 +136,11 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         chosen = {options.vehicle: tracks[options.vehicle]}
     logs = {
         system: RangeLog(track, vehicle=f"vehicle {system}") for system, track in chosen.items()
-    }
-    only = next(iter(logs.values()), RangeLog()) if len(logs) <= 1 else None
+    } or {0: RangeLog()}
+    only = next(iter(logs.values())) if len(logs) == 1 else None
     unmatched = []
     for (system, component), sender in senders.items():
-        if not sender.ranges or (system in tracks and system not in logs):
+        if not sender.log.ranges or (system in tracks and system not in logs):
             continue
         # A radio with its own system id belongs to the only vehicle. With several vehicles, the
         # vehicle of such a radio is unknown.
@@ -152,9 +148,8 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
         if carrier is None:
             unmatched.append(f"{system}/{component}")
         else:
-            carrier.ranges |= sender.ranges
-    everything = list(logs.values()) or [only or RangeLog()]
-    used = [log for log in everything if log.ranges] or everything[:1]
+            carrier.ranges |= sender.log.ranges
+    used = [log for log in logs.values() if log.ranges] or list(logs.values())[:1]
     if len(used) == 1:
         used[0].vehicle = ""
     if unmatched:
@@ -167,7 +162,7 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
             raise EmptyLogError(line)
         used[0].note(line)
     used[0].names = set[str]().union(
-        *(sender.names for sender in senders.values() if OURS not in sender.names)
+        *(sender.log.names for sender in senders.values() if OURS not in sender.log.names)
     )
     return used
 
@@ -200,13 +195,17 @@ def _reading(message: Message) -> Reading | None:
 
 def _tag(message: Message, wanted: str) -> str | None:
     """Return the name of the source of a range, None for a value that is not a range."""
-    sender = f"{message.get_srcSystem()}/{message.get_srcComponent()}"
     match message.get_type():
         case "DISTANCE_SENSOR":
-            return f"sensor {message.id} of {sender}"
+            return f"sensor {message.id} of {_of(message)}"
         case "RANGING_BEACON":
-            return f"beacon {message.beacon_id} of {sender}"
-    return f"{wanted} of {sender}" if message.name == wanted else None
+            return f"beacon {message.beacon_id} of {_of(message)}"
+    return f"{wanted} of {_of(message)}" if message.name == wanted else None
+
+
+def _of(message: Message) -> str:
+    """Return the ids of the sender as text."""
+    return f"{message.get_srcSystem()}/{message.get_srcComponent()}"
 
 
 TLOG = Format(

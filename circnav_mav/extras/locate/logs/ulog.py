@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from circnav_mav.extras.locate.logs.interface import FAR, FIX_3D, Format, ReadOptions, with_fix
+from circnav_mav.extras.locate.logs.interface import FIX_3D, Format, ReadOptions, with_fix
 from circnav_mav.extras.locate.place import Array
 from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.ranging.distance_sensor import DOWNWARD
@@ -81,8 +81,7 @@ def _collect(log: RangeLog, data: list[Any], options: ReadOptions) -> None:
             log.note(f"{topic.name} has no field {error.args[0]} and is left out")
         if topic.name == named and part in topic.data:
             for time, slant in zip(_time(topic.data), topic.data[part], strict=True):
-                if 0 < slant <= FAR:
-                    log.add(options.range_name, float(time), float(slant) * options.meters)
+                options.add(log, options.range_name, float(time), float(slant))
     gps = next((topic.data for name in ("vehicle_gps_position", "sensor_gps") for topic in data
                 if topic.name == name and topic.multi_id == 0), None)  # fmt: skip
     fused = next((topic.data for topic in data if topic.name == "vehicle_global_position"), None)
@@ -160,8 +159,8 @@ def _ranges(log: RangeLog, topic: Any, options: ReadOptions) -> None:
         case _:
             return
     for time, one, spread, tag, usable in zip(_time(data), slant, sigma, tags, good, strict=True):
-        if usable and 0 < one <= FAR:
-            log.add(tag, float(time), float(one) * options.meters, float(spread) * options.meters)
+        if usable:
+            options.add(log, tag, float(time), float(one), float(spread))
 
 
 def _keys(data: dict[str, Array]) -> list[str]:
