@@ -192,24 +192,22 @@ def _evidence(flown: Array, predicted: Array) -> int:
     """
     square = (predicted**2).sum(0)
     product = flown @ predicted
-
-    def errors(least: float, most: float) -> Array:
-        gain = np.clip(product / np.maximum(square, 1e-9), least, most)
-        return np.asarray((flown[:, None] - gain * predicted) ** 2)
-
+    energy = float(flown @ flown)
+    gains = product / np.maximum(square, 1e-9)
+    followed_gain = np.clip(gains, LEAST_GAIN, MOST_GAIN)
     # Ignore the worst bin. A late attitude or a lost setpoint makes one bin wrong. A vehicle that
     # does not follow makes many bins wrong.
-    followed = errors(LEAST_GAIN, MOST_GAIN)
-    following = _without_worst(followed)
-    weak = float(errors(REVERSED_GAIN, WEAK_GAIN).sum(0).min())
-    other = min(weak, float(flown @ flown) - float(flown.sum()) ** 2 / flown.size)
+    following = _without_worst((flown[:, None] - followed_gain * predicted) ** 2)
+    weak_gain = np.clip(gains, REVERSED_GAIN, WEAK_GAIN)
+    weak = energy + float((weak_gain * (weak_gain * square - 2 * product)).min())
+    other = min(weak, energy - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
     # A model that follows may fly a third of the command. So the bound is reached if the vehicle
     # does not fly a command of 0.05 rad/s (3 deg/s) for 2.4 s, or of 0.025 rad/s for 10 s. For
     # comparison, a bank error of 3 deg at 22 m/s is 0.023 rad/s.
     if abs(following - other) * BIN < 0.0007:
         return 0
-    if other < BETTER * min(following, _limited(flown, predicted)):
+    if other < BETTER * following and other < BETTER * _limited(flown, predicted):
         return -1
     return int(following < BETTER * other)
 
@@ -245,7 +243,7 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     # 4.0: least number of periods in the window. The alternating turns of an approach, and gusts
     # that repeat by chance, have fewer periods.
     longest = min(longest + 1, int(turns.size / 4.0))
-    correlation = np.array([_correlation(fast[:-lag], fast[lag:]) for lag in range(1, longest + 1)])
+    correlation = _correlations(fast, longest)
     negative = np.flatnonzero(correlation < 0)
     if not negative.size:
         return False
@@ -261,5 +259,13 @@ def _parabolas(size: int) -> Array:
     return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, size), 3)).Q
 
 
-def _correlation(a: Array, b: Array) -> float:
-    return float(a @ b / max(sqrt(float(a @ a) * float(b @ b)), 1e-9))
+def _correlations(values: Array, longest: int) -> Array:
+    """Return the autocorrelation of N values at lags of 1 to `longest`, (longest,). Each is
+    normalized by the energies of its two overlapping parts."""
+    count = values.size
+    lags = np.arange(1, longest + 1)
+    products = np.correlate(values, values, "full")[count : count + longest]
+    energy = np.cumsum(values**2)
+    first = energy[count - 1 - lags]
+    last = energy[-1] - energy[lags - 1]
+    return np.asarray(products / np.maximum(np.sqrt(first * last), 1e-9))
