@@ -38,9 +38,7 @@ MOST_GAIN = 1.6
 """Highest gain of a vehicle that follows."""
 WEAK_GAIN = 0.2
 """Highest gain of a vehicle that does not follow. Between this gain and LEAST_GAIN there is no
-verdict."""
-REVERSED_GAIN = -1.6
-"""Lowest gain of a vehicle that does not follow: it turns opposite to the commands."""
+verdict. The lowest gain is -MOST_GAIN: the vehicle turns opposite to the commands."""
 WINDOWS = 12, 20, 50
 """Lengths of the windows, bins. Hard turns are judged within 2.4 s, small turns need 10 s."""
 BETTER = 0.3
@@ -49,14 +47,14 @@ Gusts that turn the nose at 0.1 rad/s left a ratio above 0.5 on the emulated veh
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
 
-SWING_WINDOW = 72
-"""Longest window for a limit cycle while the target is not located, bins. Its 14.4 s contain four
-periods of 3.6 s, the slowest limit cycle in this case."""
-LEAST_SWING_WINDOW = 36
-"""Shortest window for a limit cycle, bins. Its 7.2 s contain four periods of 1.8 s."""
-SLOW_WINDOW = 160
-"""Longest window for a limit cycle while the law uses the estimated target position, bins. Its 32 s
-contain four periods of 8 s."""
+PERIODS = 4
+"""Least number of periods in a window for a limit cycle. The alternating turns of an approach, and
+gusts that repeat by chance, have fewer periods."""
+QUICK_PERIOD = 18
+"""Longest period of a limit cycle while the target is not located, bins (3.6 s). Limit cycles on
+firmware had periods of 1 to 4.6 s, most of them below 2.5 s. Longer periods also occur during the
+acquisition of the target. Its excitation has a period of 6 s, and turns from one hypothesis to the
+next take 4.4 to 5 s."""
 SLOWEST_PERIOD = 40
 """Longest period of a limit cycle while the law uses the estimated target position, bins (8 s). A
 copter at its acceleration limit oscillated with periods of 5 to 6 s."""
@@ -132,7 +130,7 @@ class LimitCycle:
         # Least RMS of the fast part of an oscillation that counts as a limit cycle, in units of the
         # turn-rate limit.
         self._least_rms = 0.25 * limit
-        self._turns: deque[tuple[float, float]] = deque(maxlen=SLOW_WINDOW)
+        self._turns: deque[tuple[float, float]] = deque(maxlen=PERIODS * SLOWEST_PERIOD)
         self._newest = inf
         self._regular = 0
         self._located = 0
@@ -146,17 +144,15 @@ class LimitCycle:
         self._newest = time
         self._turns.append((flown, commanded))
         self._located = self._located + 1 if self.lap else 0
-        if len(self._turns) < LEAST_SWING_WINDOW:
+        window = PERIODS * QUICK_PERIOD
+        # The shortest window contains as many periods of half this duration.
+        if len(self._turns) < window // 2:
             return
         turns = np.array(self._turns).T
-        # Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit
-        # cycles on firmware had periods of 1 to 4.6 s, most of them below 2.5 s. Longer periods
-        # also occur during the acquisition of the target: its excitation has a period of 6 s, and
-        # turns from one hypothesis to the next take 4.4 to 5 s.
-        swings = self._swings(turns[:, -SWING_WINDOW:], 18)
+        swings = self._swings(turns[:, -window:], QUICK_PERIOD)
         # Use all turns since the target was located: a longer window can show a longer period.
         size = min(len(self._turns), self._located)
-        if size > SWING_WINDOW and not swings:
+        if size > window and not swings:
             # 0.4: longest period of a limit cycle as a share of the lap. In wind, turns without a
             # limit cycle repeat once or twice per lap.
             longest = min(SLOWEST_PERIOD, int(0.4 * self.lap / BIN))
@@ -198,7 +194,7 @@ def _evidence(flown: Array, predicted: Array) -> int:
     # Ignore the worst bin. A late attitude or a lost setpoint makes one bin wrong. A vehicle that
     # does not follow makes many bins wrong.
     following = _without_worst((flown[:, None] - followed_gain * predicted) ** 2)
-    weak_gain = np.clip(gains, REVERSED_GAIN, WEAK_GAIN)
+    weak_gain = np.clip(gains, -MOST_GAIN, WEAK_GAIN)
     weak = energy + float((weak_gain * (weak_gain * square - 2 * product)).min())
     other = min(weak, energy - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
@@ -240,9 +236,7 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     fast = turns - parabolas @ (parabolas.T @ turns)
     if sqrt(float(np.mean(fast**2))) < least:
         return False
-    # 4.0: least number of periods in the window. The alternating turns of an approach, and gusts
-    # that repeat by chance, have fewer periods.
-    longest = min(longest + 1, int(turns.size / 4.0))
+    longest = min(longest + 1, turns.size // PERIODS)
     correlation = _correlations(fast, longest)
     negative = np.flatnonzero(correlation < 0)
     if not negative.size:

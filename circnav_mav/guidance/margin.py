@@ -45,7 +45,7 @@ DESIGN_DRIFT = 1 / 3
 drift on this circle, that smaller drift is used instead."""
 LARGEST = 20.0
 """Upper end of the search for a radius with margin, in units of the given radius."""
-_S = 1j * np.logspace(-1.3, 1.4, 300)
+_S = 1j * np.logspace(-1.3, 1, 100)
 """Frequencies times j, rad/s: from a slow lap to far beyond any crossover."""
 Complex = NDArray[Any]
 """Frequency response at the frequencies `_S`."""

@@ -25,12 +25,12 @@ DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
 FIRST_ORDER = (0.1, 0.2, 0.35, 0.6, 0.9, 1.3)
 """Candidates of a first-order response: lags, s."""
-SECOND_ORDER = ((3.0, 0.3), (3.0, 0.6), (5.0, 0.3), (5.0, 0.6), (8.0, 0.4))
+SECOND_ORDER = (*((f, z) for f in (3.0, 5.0) for z in (0.3, 0.6)), (8.0, 0.4))
 """Candidates of a second-order response: frequencies (rad/s) with dampings."""
 LAGS = np.array([*FIRST_ORDER, *(2 * damping / frequency for frequency, damping in SECOND_ORDER)])
 """Mean delay of each response, s."""
 DELAYS = DEADS[:, None] + LAGS
-LOG_DELAYS = np.log(np.maximum(DELAYS, 0.05))
+LOG_DELAYS = np.log(DELAYS)
 """Logarithm of dead time plus lag, in which the prior is Gaussian."""
 RINGING = np.array(
     [

@@ -30,6 +30,8 @@ limit cycle in a wind of 8 m/s."""
 OBEYS_AFTER = 2.0
 """Time, s, for which an unresponsive vehicle must turn as commanded before learning resumes. After
 this time the response model no longer contains commands that the vehicle did not receive."""
+OFF_BANK = 0.06
+"""Largest difference of a plane's gain by its commands from its gain by its bank, as a share."""
 PAUSE = 1.0
 """Pause of the commands, or gap between two reports of own motion, s, after which the vehicle may
 have stopped. Without commands, autopilots brake, hover or loiter."""
@@ -183,10 +185,10 @@ class VehicleModel:
         if self._given_gain is not None or self.bank_gain is None:
             return self._given_gain or self.command_gain.gain
         # ArduPlane 4.6.3 holds 26.6 deg of 26.8 deg of commanded bank: 0.7 % less turn, 0.2 m more
-        # radius. So the gain is that of the commands. 6 %: a plane at a bank limit that has not
-        # been found yet flies far less than commanded, which must not raise the commands.
+        # radius. So the gain is that of the commands. A plane at a bank limit that has not been
+        # found yet flies far less than commanded, which must not raise the commands.
         bank = self.bank_gain.gain
-        return min(max(self.command_gain.gain, 0.94 * bank), 1.06 * bank)
+        return min(max(self.command_gain.gain, bank * (1 - OFF_BANK)), bank * (1 + OFF_BANK))
 
     @property
     def most(self) -> float:

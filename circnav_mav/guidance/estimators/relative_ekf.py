@@ -40,10 +40,10 @@ from numpy.typing import NDArray
 from circnav_mav.guidance.maths import Vector
 
 Array = NDArray[np.float64]
-R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(12)
 STATES = 12
 """Number of states. Rows of the state: range, direction, drift, airspeed scale, range error, gust,
 acceleration error, heading noise."""
+R, THETA, DX, DY, KAPPA, B, GX, GY, FORWARD, LEFT, EX, EY = range(STATES)
 DRIFT = np.zeros((2, STATES))
 DRIFT[0, [DX, GX, EX]] = 1.0
 DRIFT[1, [DY, GY, EY]] = 1.0
@@ -101,8 +101,8 @@ class Noise:
     drifting: Array
     nose: Array
     acceleration_weight: Array
-    scale_bounds: tuple[float, float] = (0.85, 1.15)
-    acceleration_bias: float = 0.2
+    scale_bounds: tuple[float, float]
+    acceleration_bias: float
 
     @cached_property
     def growth(self) -> Array:
