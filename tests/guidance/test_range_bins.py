@@ -44,6 +44,12 @@ def test_range_window_bounds_white_noise_by_reported_sigma():
     assert window_of([0.05] * 400, [100.0] * 400).white(SIGMA) == 0.0
 
 
+@pytest.mark.parametrize(("step", "ranges_in_4_s"), [(0.5, 8), (0.25, 16)])
+def test_drifting_range_error_is_common_to_ranges_of_4_s(step, ranges_in_4_s):
+    bins = window_of([step] * 60, [100.0] * 60).bins(SIGMA)
+    assert bins.variance - bins.age**3 / 300 == pytest.approx(SIGMA**2 * ranges_in_4_s, rel=0.05)
+
+
 def test_range_bin_is_mean_of_quarter_second():
     window = window_of([WIDTH / 5] * 15, [100.0, 101.0, 102.0, 103.0, 104.0] * 3, path=(0.5, -0.25))
     bins = window.bins(SIGMA)

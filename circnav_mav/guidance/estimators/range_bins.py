@@ -95,9 +95,9 @@ class RangeWindow:
         age = self.now - t
         white = self.white(sigma)
         drifting = max(sigma**2 - 2 * white**2, 0.0)
-        # A drifting error is common to the bins within about 2 BIAS_TIME. `common` is their number,
-        # without the bins that a slow radio leaves empty.
-        common = len(filled) / max(len(self._bins), 1) * 2 * BIAS_TIME / WIDTH
+        # A drifting error is common to the bins within about 2 BIAS_TIME. `common` is their number.
+        # A slow radio has few.
+        common = 2 * BIAS_TIME * len(filled) / max(age.max(initial=0.0), WIDTH)
         # 0.01: process noise of the drift, m^2/s^3.
         variance = white**2 / count + drifting * common + 0.01 * age**3 / 3
         path = np.array((self.path[0] - x, self.path[1] - y))
