@@ -217,8 +217,8 @@ class Radio:
         now = step * dt
         if step % cfg.every:
             return None
-        white, fresh, rate_white, rate_fresh = self._random.standard_normal(4)
-        lost, wild, spread = self._random.random(3)
+        white, fresh, rate_white, rate_fresh = self._random.standard_normal(4).tolist()
+        lost, wild, spread = self._random.random(3).tolist()
         since = dt * cfg.every
         self._error = _markov(self._error, cfg.drifting, since / cfg.drift_time, fresh)
         if self._rates is not None:
@@ -235,11 +235,11 @@ class Radio:
         )
         if wild < cfg.outlier_share:
             z += cfg.outlier * (2 * spread - 1)
-        sample = RangeSample(now, now, float(z), cfg.sigma)
+        sample = RangeSample(now, now, z, cfg.sigma)
         if self._rates is None:
             return sample
         r_dot = world.r_dot + self._offset + self._rates.white * rate_white
-        return sample._replace(r_dot=float(r_dot), r_dot_sigma=self._rates.sigma)
+        return sample._replace(r_dot=r_dot, r_dot_sigma=self._rates.sigma)
 
 
 def _markov(error: float, sigma: float, share: float, fresh: float) -> float:
@@ -269,7 +269,7 @@ class MotionSensors:
     def report(self, world: World, now: float) -> OwnMotion:
         """Return the report at this time. Call once per step."""
         noise = self._situation.noise
-        errors = self._random.standard_normal(3)
+        errors = self._random.standard_normal(3).tolist()
         turned = self._bias + self._drift * now
         own = OwnMotion(
             time=now,
