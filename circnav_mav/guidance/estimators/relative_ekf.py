@@ -48,9 +48,9 @@ DRIFT = np.zeros((2, STATES))
 DRIFT[0, [DX, GX, EX]] = 1.0
 DRIFT[1, [DY, GY, EY]] = 1.0
 """Matrix from the state to the total drift d + g + e, along x and y."""
-MOVES = DRIFT.copy()
-MOVES[:, EX:] /= 2
-"""Displacement by the drift in a second, east and north by the state, (2, 12). The noise e lasts on
+MOVES = DRIFT[0] + 1j * DRIFT[1]
+MOVES[EX:] /= 2
+"""Displacement by the drift in a second, by the state, (12,): east + 1j north. The noise e lasts on
 average half of a step."""
 MOVED = 0.5 * DRIFT.sum(axis=0)
 MOVED[EX:] = 1.0
@@ -241,31 +241,25 @@ def decay(dt: float) -> Array:
 
 def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
     """Return range (m) and direction (rad) of states x (M, 12) after dt (s) along a chord (m), and
-    their Jacobian, (M, 2, 12)."""
+    their Jacobian, (M, 2, 12).
+
+    Complex numbers contain east and north components. Multiplying by conj(u) converts them to the
+    components along and across the line of sight u.
+    """
     moves = dt * MOVES
-    moves[:, KAPPA] = chord
+    moves[KAPPA] = complex(*chord)
     before = x[:, R]
-    theta = x[:, THETA]
-    c = np.cos(theta)
-    s = np.sin(theta)
-    east, north = moves @ x.T
-    ahead = before + c * east + s * north
-    left = c * north - s * east
-    r = np.maximum(np.hypot(ahead, left), CLOSEST)
-    theta = theta + np.arctan2(left, ahead)
-    # Components along and across the new line of sight.
-    ahead /= r
-    left /= r
-    c = np.cos(theta)
-    s = np.sin(theta)
+    towards = np.exp(-1j * x[:, THETA])
+    seen = before + (x @ moves) * towards
+    r = np.maximum(np.abs(seen), CLOSEST)
+    turned = seen.conj() / r
+    place = np.outer(towards * turned, moves)
+    place[:, R] = turned
+    place[:, THETA] = 1j * before * turned
     J = np.empty((len(x), 2, STATES))
-    J[:, 0] = np.array((c, s)).T @ moves
-    J[:, 1] = np.array((-s, c)).T @ moves
-    J[:, 0, R] = ahead
-    J[:, 1, R] = -left
-    J[:, 0, THETA] = before * left
-    J[:, 1, THETA] = before * ahead
-    J[:, 1] /= r[:, None]
+    J[:, 0] = place.real
+    J[:, 1] = place.imag / r[:, None]
+    theta = x[:, THETA] + np.arctan2(seen.imag, seen.real)
     return r, theta, J
 
 
