@@ -94,7 +94,8 @@ class CommandFollowing:
             self._restart()
         self._bins.append(new)
         flown = np.array([one.flown for one in self._bins])
-        predicted = np.array([one.predicted.ravel() for one in self._bins])
+        predicted = np.concatenate([one.predicted for one in self._bins])
+        predicted = predicted.reshape(len(self._bins), -1)
         windows = [width for width in WINDOWS if len(self._bins) >= width]
         found = [_evidence(flown[-width:], predicted[-width:]) for width in windows] or [0]
         # One window that shows a vehicle not following outweighs all windows that show following.
@@ -238,7 +239,7 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     """
     parabolas = _parabolas(turns.size)
     fast = turns - parabolas @ (parabolas.T @ turns)
-    if sqrt(float(np.mean(fast**2))) < least:
+    if sqrt(fast @ fast / turns.size) < least:
         return False
     # 4.0: least number of periods in the window. The alternating turns of an approach, and gusts
     # that repeat by chance, have fewer periods.
@@ -263,9 +264,8 @@ def _correlations(values: Array, longest: int) -> Array:
     """Return the autocorrelation of N values at lags of 1 to `longest`, (longest,). Each is
     normalized by the energies of its two overlapping parts."""
     count = values.size
-    lags = np.arange(1, longest + 1)
     products = np.correlate(values, values, "full")[count : count + longest]
     energy = np.cumsum(values**2)
-    first = energy[count - 1 - lags]
-    last = energy[-1] - energy[lags - 1]
-    return np.asarray(products / np.maximum(np.sqrt(first * last), 1e-9))
+    without_last = energy[-1 - longest : -1][::-1]
+    without_first = energy[-1] - energy[:longest]
+    return np.asarray(products / np.maximum(np.sqrt(without_last * without_first), 1e-9))
