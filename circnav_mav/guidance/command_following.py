@@ -195,11 +195,11 @@ def _evidence(flown: Array, predicted: Array) -> int:
     product = flown @ predicted
     energy = float(flown @ flown)
     gains = product / np.maximum(square, 1e-9)
-    followed_gain = np.clip(gains, LEAST_GAIN, MOST_GAIN)
+    followed_gain = gains.clip(LEAST_GAIN, MOST_GAIN)
     # Ignore the worst bin. A late attitude or a lost setpoint makes one bin wrong. A vehicle that
     # does not follow makes many bins wrong.
     following = _without_worst((flown[:, None] - followed_gain * predicted) ** 2)
-    weak_gain = np.clip(gains, REVERSED_GAIN, WEAK_GAIN)
+    weak_gain = gains.clip(REVERSED_GAIN, WEAK_GAIN)
     weak = energy + float((weak_gain * (weak_gain * square - 2 * product)).min())
     other = min(weak, energy - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.

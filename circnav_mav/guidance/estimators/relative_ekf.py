@@ -240,26 +240,26 @@ def decay(dt: float) -> Array:
 
 
 def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
-    """Return range (m) and direction (rad) of states x (M, 12) after dt (s) along a chord (m), and
-    their Jacobian, (M, 2, 12).
+    """Return range (m) and direction (rad) of states x (..., 12) after dt (s) along a chord (m),
+    and their Jacobian, (..., 2, 12).
 
     Complex numbers contain east and north components. Multiplying by conj(u) converts them to the
     components along and across the line of sight u.
     """
     moves = dt * MOVES
     moves[KAPPA] = complex(*chord)
-    before = x[:, R]
-    towards = np.exp(-1j * x[:, THETA])
+    before = x.T[R]
+    towards = np.exp(-1j * x.T[THETA])
     seen = before + (x @ moves) * towards
     r = np.maximum(np.abs(seen), CLOSEST)
     turned = seen.conj() / r
-    place = np.outer(towards * turned, moves)
-    place[:, R] = turned
-    place[:, THETA] = 1j * before * turned
-    J = np.empty((len(x), 2, STATES))
-    J[:, 0] = place.real
-    J[:, 1] = place.imag / r[:, None]
-    theta = x[:, THETA] + np.arctan2(seen.imag, seen.real)
+    place = (towards * turned)[..., None] * moves
+    place.T[R] = turned
+    place.T[THETA] = 1j * before * turned
+    J = np.empty((*x.shape[:-1], 2, STATES))
+    J[..., 0, :] = place.real
+    J[..., 1, :] = place.imag / r[..., None]
+    theta = x.T[THETA] + np.arctan2(seen.imag, seen.real)
     return r, theta, J
 
 

@@ -266,12 +266,15 @@ def _supply_scale(h: Hypotheses, uses_accelerations: NDArray[np.bool_]) -> Hypot
     variance = h.P[:, KAPPA, KAPPA]
     mean = weight @ scale
     certain = weight @ (variance + (scale - mean) ** 2)
+    (uncertain,) = (uses_accelerations & (variance > certain)).nonzero()
+    if not uncertain.size:
+        return h
     x = h.x.copy()
     P = h.P.copy()
-    for model in np.flatnonzero(uses_accelerations & (variance > certain)):
+    for model in uncertain:
         gain = h.P[model, KAPPA] / variance[model]
         x[model] -= gain * (scale[model] - mean)
-        P[model] -= np.outer(gain, gain) * (variance[model] - certain)
+        P[model] -= gain[:, None] * gain * (variance[model] - certain)
     return Hypotheses(x, P, h.log_weight)
 
 
