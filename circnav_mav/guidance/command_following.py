@@ -149,7 +149,7 @@ class LimitCycle:
         self._located = self._located + 1 if self.lap else 0
         if len(self._turns) < LEAST_SWING_WINDOW:
             return
-        turns = np.array(self._turns).T
+        turns = np.array(tuple(zip(*self._turns, strict=True)))
         # Longest period of a limit cycle, bins, while the target is not located: 3.6 s. Limit
         # cycles on firmware had periods of 1 to 4.6 s, most of them below 2.5 s. Longer periods
         # also occur during the acquisition of the target: its excitation has a period of 6 s, and
@@ -245,10 +245,10 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     # that repeat by chance, have fewer periods.
     longest = min(longest + 1, int(turns.size / 4.0))
     correlation = _correlations(fast, longest)
-    negative = np.flatnonzero(correlation < 0)
-    if not negative.size:
+    if correlation.min() > REVERSES:
         return False
-    peak = int(negative[0]) + int(correlation[negative[0] :].argmax())
+    negative = int((correlation < 0).argmax())
+    peak = negative + int(correlation[negative:].argmax())
     if peak + 1 >= longest:  # still rising: the period is longer
         return False
     return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES)

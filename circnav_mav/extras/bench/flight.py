@@ -116,7 +116,8 @@ class World:
         self.y = r * sin(angle)
         self.turn_rate = 0.0
         self._target_speed = situation.target
-        self._gust = situation.gust * random.standard_normal(2)
+        east, north = random.standard_normal(2).tolist()
+        self._gust = (situation.gust * east, situation.gust * north)
         self._now = 0.0
 
     @property
@@ -127,7 +128,7 @@ class World:
             times + min(since / VEER_TIME, 1.0)
         )
         speed = self._situation.wind
-        return speed * cos(angle) + float(self._gust[0]), speed * sin(angle) + float(self._gust[1])
+        return speed * cos(angle) + self._gust[0], speed * sin(angle) + self._gust[1]
 
     @property
     def target_velocity(self) -> Pair:
@@ -180,8 +181,12 @@ class World:
         self.course += self._sense * cfg.target_turn * dt
         if cfg.gust:
             kept = exp(-dt / GUST_TIME)  # the exact transition of the process
-            fresh = self._random.standard_normal(2)
-            self._gust = kept * self._gust + cfg.gust * sqrt(1 - kept**2) * fresh
+            spread = cfg.gust * sqrt(1 - kept**2)
+            east, north = self._random.standard_normal(2).tolist()
+            self._gust = (
+                kept * self._gust[0] + spread * east,
+                kept * self._gust[1] + spread * north,
+            )
         if cfg.target_walk:
             velocity = np.array(self.target_velocity)
             x, y = velocity + cfg.target_walk * sqrt(dt) * self._random.standard_normal(2)
@@ -288,9 +293,8 @@ class MotionSensors:
         velocity = world.velocity
         if self._before is not None:
             before, heading = self._before
-            forward, left = (
-                self._imu_bias + white * self._random.standard_normal(2)
-            ) * self._situation.dt
+            errors = self._imu_bias + white * self._random.standard_normal(2)
+            forward, left = (errors * self._situation.dt).tolist()
             nose = (world.heading + heading) / 2
             x = velocity[0] - before[0] + forward * cos(nose) - left * sin(nose)
             y = velocity[1] - before[1] + forward * sin(nose) + left * cos(nose)

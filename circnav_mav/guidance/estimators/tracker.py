@@ -103,7 +103,7 @@ class Tracker:
         x = np.repeat(mean[None], len(MODELS), axis=0)
         P = np.repeat(covariance[None], len(MODELS), axis=0)
         self.tracks = Hypotheses(x, P, np.zeros(len(MODELS)))
-        self.estimate = self._estimate(mean, covariance, trusted)
+        self.estimate = self._estimate(mean, covariance, self.tracks.weight, trusted)
         self.nis: float | None = None
         self.refused = False
         self.missed = 0.0
@@ -193,15 +193,20 @@ class Tracker:
             h, _, _ = ekf.update(h, noise, ekf.rate_measurement(h, *rate), gate)
         mean, covariance = ekf.mixture(h)
         h = _revive(h, self._uses_accelerations, mean, covariance)
-        self.tracks = _supply_scale(h, self._uses_accelerations)
-        self.estimate = self._estimate(mean, covariance, self.estimate.trusted)
+        weight = h.weight
+        self.tracks = _supply_scale(h, weight, self._uses_accelerations)
+        self.estimate = self._estimate(mean, covariance, weight, self.estimate.trusted)
 
-    def _estimate(self, mean: Array, covariance: Array, trusted: bool) -> Estimate:
-        """Return the mixture as an estimate. trusted: True if the estimate before could steer."""
+    def _estimate(self, mean: Array, covariance: Array, weight: Array, trusted: bool) -> Estimate:
+        """Return the mixture as an estimate.
+
+        weight: probabilities of the models, (M,).
+        trusted: True if the estimate before could steer.
+        """
         r = max(mean.item(R), 1.0)
         variance = covariance.item(R, R) / r**2 + covariance.item(THETA, THETA)
         spread = sqrt(max(variance, 0.0))
-        drift_psd, gust, acceleration_weight = (self._averaged @ self.tracks.weight).tolist()
+        drift_psd, gust, acceleration_weight = (self._averaged @ weight).tolist()
         # Hysteresis: an estimate that steers is used until it is much worse. Even then it holds the
         # circle better than a range-only law. A single bound would switch the law whenever the
         # spread fluctuates around this bound.
@@ -251,7 +256,9 @@ def _revive(
     return Hypotheses(x, P, np.where(forgotten, REVIVED, h.log_weight))
 
 
-def _supply_scale(h: Hypotheses, uses_accelerations: NDArray[np.bool_]) -> Hypotheses:
+def _supply_scale(
+    h: Hypotheses, weight: Array, uses_accelerations: NDArray[np.bool_]
+) -> Hypotheses:
     """Return the hypotheses with the airspeed scale of the models without accelerations in each
     model with accelerations that is less certain of it. The other states of this model change by
     their covariance with the scale.
@@ -260,7 +267,7 @@ def _supply_scale(h: Hypotheses, uses_accelerations: NDArray[np.bool_]) -> Hypot
     flight of ArduPlane their scale fell from 1.01 to 0.88 after the wind had changed. The true
     scale was 1.03, as the other models had found before.
     """
-    weight = np.where(uses_accelerations, 0.0, h.weight)
+    weight = np.where(uses_accelerations, 0.0, weight)
     weight /= weight.sum()
     scale = h.x[:, KAPPA]
     variance = h.P[:, KAPPA, KAPPA]
