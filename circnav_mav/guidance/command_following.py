@@ -92,7 +92,8 @@ class CommandFollowing:
             self._restart()
         self._bins.append(new)
         flown = np.array([one.flown for one in self._bins])
-        predicted = np.array([one.predicted.ravel() for one in self._bins])
+        predicted = np.concatenate([one.predicted for one in self._bins])
+        predicted = predicted.reshape(len(self._bins), -1)
         windows = [width for width in WINDOWS if len(self._bins) >= width]
         found = [_evidence(flown[-width:], predicted[-width:]) for width in windows] or [0]
         # One window that shows a vehicle not following outweighs all windows that show following.
@@ -148,7 +149,7 @@ class LimitCycle:
         # The shortest window contains as many periods of half this duration.
         if len(self._turns) < window // 2:
             return
-        turns = np.array(self._turns).T
+        turns = np.array(tuple(zip(*self._turns, strict=True)))
         swings = self._swings(turns[:, -window:], QUICK_PERIOD)
         # Use all turns since the target was located: a longer window can show a longer period.
         size = min(len(self._turns), self._located)
@@ -190,11 +191,11 @@ def _evidence(flown: Array, predicted: Array) -> int:
     product = flown @ predicted
     energy = float(flown @ flown)
     gains = product / np.maximum(square, 1e-9)
-    followed_gain = np.clip(gains, LEAST_GAIN, MOST_GAIN)
+    followed_gain = gains.clip(LEAST_GAIN, MOST_GAIN)
     # Ignore the worst bin. A late attitude or a lost setpoint makes one bin wrong. A vehicle that
     # does not follow makes many bins wrong.
     following = _without_worst((flown[:, None] - followed_gain * predicted) ** 2)
-    weak_gain = np.clip(gains, -MOST_GAIN, WEAK_GAIN)
+    weak_gain = gains.clip(-MOST_GAIN, WEAK_GAIN)
     weak = energy + float((weak_gain * (weak_gain * square - 2 * product)).min())
     other = min(weak, energy - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
@@ -234,14 +235,14 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     """
     parabolas = _parabolas(turns.size)
     fast = turns - parabolas @ (parabolas.T @ turns)
-    if sqrt(float(np.mean(fast**2))) < least:
+    if sqrt(fast @ fast / turns.size) < least:
         return False
     longest = min(longest + 1, turns.size // PERIODS)
     correlation = _correlations(fast, longest)
-    negative = np.flatnonzero(correlation < 0)
-    if not negative.size:
+    if correlation.min() > REVERSES:
         return False
-    peak = int(negative[0]) + int(correlation[negative[0] :].argmax())
+    negative = int((correlation < 0).argmax())
+    peak = negative + int(correlation[negative:].argmax())
     if peak + 1 >= longest:  # still rising: the period is longer
         return False
     return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES)
@@ -257,9 +258,8 @@ def _correlations(values: Array, longest: int) -> Array:
     """Return the autocorrelation of N values at lags of 1 to `longest`, (longest,). Each is
     normalized by the energies of its two overlapping parts."""
     count = values.size
-    lags = np.arange(1, longest + 1)
     products = np.correlate(values, values, "full")[count : count + longest]
     energy = np.cumsum(values**2)
-    first = energy[count - 1 - lags]
-    last = energy[-1] - energy[lags - 1]
-    return np.asarray(products / np.maximum(np.sqrt(first * last), 1e-9))
+    without_last = energy[-1 - longest : -1][::-1]
+    without_first = energy[-1] - energy[:longest]
+    return np.asarray(products / np.maximum(np.sqrt(without_last * without_first), 1e-9))

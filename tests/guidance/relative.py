@@ -41,7 +41,7 @@ untrusted = partial(known, trusted=False, trial=4)
 
 def hypothesis(x, P):
     """Return a filter state of one hypothesis, with mean (12,) and covariance (12, 12)."""
-    return Hypotheses(np.array(x)[:, None], P[:, :, None], np.zeros(1))
+    return Hypotheses(np.array(x)[None], P[None], np.zeros(1))
 
 
 def noise(psd, gust, white, drifting, nose=0.0, acceleration_weight=0.0):

@@ -124,8 +124,8 @@ def test_filter_with_one_hypothesis_matches_filterpy_ekf():
         reference.update(np.array([[z]]), lambda _: H, lambda s: H @ s, R=(WHITE * SIGMA) ** 2)
         ours = predict(ours, transition(ours, NOISE, DT, path, SIGMA))
         ours, *_ = update(ours, NOISE, range_measurement(ours, NOISE, z, SIGMA), gate=1e3)
-    assert ours.x[:, 0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
-    assert ours.P[:, :, 0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
+    assert ours.x[0] == pytest.approx(reference.x[:, 0], rel=1e-6, abs=1e-6)
+    assert ours.P[0] == pytest.approx(reference.P, rel=1e-4, abs=1e-7)
 
 
 def test_filter_update_rejects_outlier_without_state_change():
@@ -152,15 +152,15 @@ def test_range_rate_update_matches_textbook_with_numerical_jacobian():
     z = h(x) + 0.4
     before = hypothesis(x, P)
     after, *_ = update(before, NOISE, rate_measurement(before, z, 0.3, air), 5.0)
-    assert after.x[:, 0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
-    assert after.P[:, :, 0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
+    assert after.x[0] == pytest.approx(x + P @ H / S * 0.4, abs=1e-6)
+    assert after.P[0] == pytest.approx(P - np.outer(P @ H, H @ P) / S, abs=1e-7)
 
 
 def test_mixture_of_hypotheses_averages_directions_across_pi():
-    x = np.zeros((STATES, 2))
-    x[0] = 100.0
-    x[1] = np.pi - 0.01, -np.pi + 0.01
-    mean, P = mixture(Hypotheses(x, np.zeros((STATES, STATES, 2)), np.zeros(2)))
+    x = np.zeros((2, STATES))
+    x[:, 0] = 100.0
+    x[:, 1] = np.pi - 0.01, -np.pi + 0.01
+    mean, P = mixture(Hypotheses(x, np.zeros((2, STATES, STATES)), np.zeros(2)))
     assert abs(np.cos(mean[1]) + 1) < 1e-6
     assert P[1, 1] == pytest.approx(1e-4, rel=1e-6)
 
@@ -197,8 +197,8 @@ def test_mixture_prediction_equals_prediction_of_one_hypothesis(seed, dt, headin
     gust = 1.3
     before = hypothesis(mean, P)
     after = predict(before, transition(before, noise(psd, gust, 0.7, 0.5), dt, chord, 0.5))
-    x = after.x[:, 0]
-    Q = after.P[:, :, 0]
+    x = after.x[0]
+    Q = after.P[0]
 
     estimate = Estimate(mean, P, drift_psd=psd, gust=gust)
     ours = predict_mixture(estimate, dt, (chord[0], chord[1]), heading, airspeed, None)
@@ -273,8 +273,8 @@ def test_prediction_with_measured_acceleration_matches_bayes_rule():
         left * DT,
     )
     H[:, 10:] = -I2
-    c = np.cos(plain.x[1, 0])
-    s = np.sin(plain.x[1, 0])
+    c = np.cos(plain.x[0, 1])
+    s = np.sin(plain.x[0, 1])
     polar = np.array([[c, s], [-s / plain.x[0, 0], c / plain.x[0, 0]]])
     crossed = F @ P @ H.T
     crossed[:2] += polar * ((steady + gusty + nose**2) * DT / 2)
@@ -283,13 +283,13 @@ def test_prediction_with_measured_acceleration_matches_bayes_rule():
     crossed[10:] += nose**2 * I2
     S = H @ P @ H.T + (steady + gusty + nose**2 + ACCELERATION_PSD * DT) * I2
     foreseen = x[4] * air + H[:, 6:] @ x[6:]
-    expected = plain.x[:, 0] + crossed @ np.linalg.solve(S, change - foreseen)
-    assert ours.x[:, 0] == pytest.approx(expected, abs=1e-6)
+    expected = plain.x[0] + crossed @ np.linalg.solve(S, change - foreseen)
+    assert ours.x[0] == pytest.approx(expected, abs=1e-6)
     moved_by_nose = np.zeros((STATES, 2))
     moved_by_nose[:2], moved_by_nose[10:] = polar * DT / 2, I2
     less = (
-        plain.P[..., 0]
+        plain.P[0]
         + nose**2 * moved_by_nose @ moved_by_nose.T
         - crossed @ np.linalg.solve(S, crossed.T)
     )
-    assert ours.P[..., 0] == pytest.approx(less, abs=1e-6)
+    assert ours.P[0] == pytest.approx(less, abs=1e-6)

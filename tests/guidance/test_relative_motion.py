@@ -250,14 +250,12 @@ def test_filter_separates_wrong_airspeed_from_gust():
     acceleration_weight = noise.acceleration_weight > 0
     # models with accelerations, and models initialized from them
     wrong = acceleration_weight | (noise.drift_psd < 1e-3)
-    tracks.x[KAPPA, wrong] = scale - 0.025
-    tracks.x[GX, wrong], tracks.x[GY, wrong] = (
-        0.025 * reported * cos(nose),
-        0.025 * reported * sin(nose),
-    )
-    tracks.P[KAPPA, :, wrong] = 0.0
-    tracks.P[:, KAPPA, wrong] = 0.0
-    tracks.P[KAPPA, KAPPA, wrong] = 1e-6
+    tracks.x[wrong, KAPPA] = scale - 0.025
+    tracks.x[wrong, GX] = 0.025 * reported * cos(nose)
+    tracks.x[wrong, GY] = 0.025 * reported * sin(nose)
+    tracks.P[wrong, KAPPA] = 0.0
+    tracks.P[wrong, :, KAPPA] = 0.0
+    tracks.P[wrong, KAPPA, KAPPA] = 1e-6
     tracks.log_weight[:] = np.where(acceleration_weight, 0.0, -11.0)
     observe_accelerations(40.0, 120.0)
     relative = estimator.at(120.0).relative

@@ -114,7 +114,7 @@ def test_filter_state_stays_finite_and_covariance_valid(tracking, sequence):
             assert estimate.spread == np.inf
             continue
         assert estimate.spread == pytest.approx(hypot(np.sqrt(P[R, R]) / x[R], np.sqrt(P[1, 1])))
-        P = np.moveaxis(flown.filter.tracker.tracks.P, -1, 0)
+        P = flown.filter.tracker.tracks.P
         assert np.array_equal(P, P.swapaxes(1, 2))
         deviation = np.sqrt(np.einsum("nii->ni", P))
         deviation[deviation == 0] = (
@@ -140,7 +140,7 @@ def test_filter_finds_target_after_ranges_with_impossible_sigma(tracking, sigma)
 @pytest.mark.parametrize("part", ["x", "P"])
 def test_filter_with_nan_state_restarts_search(part, tracking):
     flown = deepcopy(tracking)
-    getattr(flown.filter.tracker.tracks, part)[KAPPA] = np.nan
+    getattr(flown.filter.tracker.tracks, part)[:, KAPPA] = np.nan
     flown.observe(STEP, 0.5)
     assert flown.filter.estimate.hypothesis is not None
     assert not flown.filter.trusted
@@ -164,7 +164,7 @@ def test_kalman_update_tolerates_negative_variance_from_rounding():
     after, nis, _ = update(before, assumed, range_measurement(before, assumed, 100.0, 1e-6), 5.0)
     assert np.isfinite(after.P).all() and np.isfinite(after.log_weight).all()
     assert nis[0] >= 0.0
-    assert after.x[R, 0] >= CLOSEST
+    assert after.x[0, R] >= CLOSEST
 
 
 def test_trust_in_relative_motion_has_hysteresis(tracking):

@@ -116,7 +116,8 @@ class World:
         self.y = r * sin(angle)
         self.turn_rate = 0.0
         self._target_speed = situation.target
-        self._gust = situation.gust * random.standard_normal(2)
+        east, north = random.standard_normal(2).tolist()
+        self._gust = (situation.gust * east, situation.gust * north)
         self._now = 0.0
 
     @property
@@ -127,7 +128,7 @@ class World:
             times + min(since / VEER_TIME, 1.0)
         )
         speed = self._situation.wind
-        return speed * cos(angle) + float(self._gust[0]), speed * sin(angle) + float(self._gust[1])
+        return speed * cos(angle) + self._gust[0], speed * sin(angle) + self._gust[1]
 
     @property
     def target_velocity(self) -> Pair:
@@ -180,8 +181,12 @@ class World:
         self.course += self._sense * cfg.target_turn * dt
         if cfg.gust:
             kept = exp(-dt / GUST_TIME)  # the exact transition of the process
-            fresh = self._random.standard_normal(2)
-            self._gust = kept * self._gust + cfg.gust * sqrt(1 - kept**2) * fresh
+            spread = cfg.gust * sqrt(1 - kept**2)
+            east, north = self._random.standard_normal(2).tolist()
+            self._gust = (
+                kept * self._gust[0] + spread * east,
+                kept * self._gust[1] + spread * north,
+            )
         if cfg.target_walk:
             velocity = np.array(self.target_velocity)
             x, y = velocity + cfg.target_walk * sqrt(dt) * self._random.standard_normal(2)
@@ -217,8 +222,8 @@ class Radio:
         now = step * dt
         if step % cfg.every:
             return None
-        white, fresh, rate_white, rate_fresh = self._random.standard_normal(4)
-        lost, wild, spread = self._random.random(3)
+        white, fresh, rate_white, rate_fresh = self._random.standard_normal(4).tolist()
+        lost, wild, spread = self._random.random(3).tolist()
         since = dt * cfg.every
         self._error = _markov(self._error, cfg.drifting, since / cfg.drift_time, fresh)
         if self._rates is not None:
@@ -235,11 +240,11 @@ class Radio:
         )
         if wild < cfg.outlier_share:
             z += cfg.outlier * (2 * spread - 1)
-        sample = RangeSample(now, now, float(z), cfg.sigma)
+        sample = RangeSample(now, now, z, cfg.sigma)
         if self._rates is None:
             return sample
         r_dot = world.r_dot + self._offset + self._rates.white * rate_white
-        return sample._replace(r_dot=float(r_dot), r_dot_sigma=self._rates.sigma)
+        return sample._replace(r_dot=r_dot, r_dot_sigma=self._rates.sigma)
 
 
 def _markov(error: float, sigma: float, share: float, fresh: float) -> float:
@@ -269,7 +274,7 @@ class MotionSensors:
     def report(self, world: World, now: float) -> OwnMotion:
         """Return the report at this time. Call once per step."""
         noise = self._situation.noise
-        errors = self._random.standard_normal(3)
+        errors = self._random.standard_normal(3).tolist()
         turned = self._bias + self._drift * now
         own = OwnMotion(
             time=now,
@@ -288,9 +293,8 @@ class MotionSensors:
         velocity = world.velocity
         if self._before is not None:
             before, heading = self._before
-            forward, left = (
-                self._imu_bias + white * self._random.standard_normal(2)
-            ) * self._situation.dt
+            errors = self._imu_bias + white * self._random.standard_normal(2)
+            forward, left = (errors * self._situation.dt).tolist()
             nose = (world.heading + heading) / 2
             x = velocity[0] - before[0] + forward * cos(nose) - left * sin(nose)
             y = velocity[1] - before[1] + forward * sin(nose) + left * cos(nose)

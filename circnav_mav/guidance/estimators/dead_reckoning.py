@@ -198,7 +198,7 @@ def predict_mixture(
     change: measured accelerations, from `PathPoint.velocity_change_since`.
     """
     mean = estimate.mean
-    distance, direction, J = ekf.motion(mean[:, None], dt, path)
+    distance, direction, J = ekf.motion(mean, dt, path)
     r = distance.item()
     theta = direction.item()
     n = (cos(theta), sin(theta))
@@ -212,7 +212,7 @@ def predict_mixture(
     # Rows: derivatives of range, direction and range rate by the state. The range rate is n.v, and
     # a direction error rotates n.
     rows = np.empty((3, ekf.STATES))
-    rows[:2] = J[..., 0]
+    rows[:2] = J
     rows[2] = across * rows[1]
     rows[2, ekf.KAPPA] += ahead
     calm = exp(-dt / ekf.GUST_TIME)

@@ -138,7 +138,7 @@ class KalmanRangeRate(Estimator):
             self._nis = nis
         if nis > self._settings.gate**2:
             return False
-        self._filter.update(z, R=sigma**2, H=ROWS[component])
+        self._filter.update(z, R=np.array([[sigma**2]]), H=ROWS[component])
         return True
 
     def _model(self, h: float) -> tuple[Array, Array]:

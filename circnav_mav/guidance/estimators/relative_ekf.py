@@ -1,6 +1,6 @@
 """Extended Kalman filters of the relative motion, as arrays over hypotheses.
 
-State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (12, M) for M
+State x = (r, theta, d_x, d_y, kappa, b, g_x, g_y, f, l, e_x, e_y), shape (M, 12) for M
 hypotheses:
 
     r, theta    range (m) and direction (rad) of p = vehicle - target
@@ -52,11 +52,14 @@ MOVES = DRIFT[0] + 1j * DRIFT[1]
 MOVES[EX:] /= 2
 """Displacement by the drift in a second, by the state, (12,): east + 1j north. The noise e lasts on
 average half of a step."""
-MOVED = 0.5 * DRIFT.sum(axis=0)[:, None]
+MOVED = 0.5 * DRIFT.sum(axis=0)
 MOVED[EX:] = 1.0
-"""Share of the growth over a step that moves the position with `MOVES`, by the state, (12, 1). The
+"""Share of the growth over a step that moves the position with `MOVES`, by the state, (12,). The
 drift grows linearly, so half of its growth moves the position. `MOVES` contains this half for the
 noise e already."""
+SPREADS = np.zeros(STATES)
+SPREADS[[DX, GX, EX]] = 1 / 3, 1 / 3, 1 / 4
+"""Variance of the position per variance of the growth over a step of 1 s, by the state, (12,)."""
 BIAS_TIME = 2.0
 """Correlation time of the drifting range error, s. UWB and LoRa radios show 1 to 3 s."""
 GUST_TIME = 10.0
@@ -106,7 +109,7 @@ class Noise:
 
     @cached_property
     def growth(self) -> Array:
-        """Variances of the process noise before their factors of `transition`, (12, M)."""
+        """Variances of the process noise before their factors of `transition`, (M, 12)."""
         none = np.zeros_like(self.gust)
         bias = none + self.acceleration_bias**2 / ACCELERATION_BIAS_TIME
         gust = self.gust**2
@@ -114,7 +117,8 @@ class Noise:
         error = self.drifting**2
         scale = none + KAPPA_PSD
         psd = self.drift_psd
-        return np.array((none, none, psd, psd, scale, error, gust, gust, bias, bias, nose, nose))
+        rows = (none, none, psd, psd, scale, error, gust, gust, bias, bias, nose, nose)
+        return np.stack(rows, axis=-1)
 
 
 class VelocityChange(NamedTuple):
@@ -135,8 +139,8 @@ class VelocityChange(NamedTuple):
 class Hypotheses(NamedTuple):
     """M filters.
 
-    x: states, (12, M).
-    P: covariances, (12, 12, M).
+    x: states, (M, 12).
+    P: covariances, (M, 12, 12).
     log_weight: logarithms of the unnormalized probabilities, (M,). The largest is 0.
     """
 
@@ -155,7 +159,7 @@ class Measurement(NamedTuple):
     """A scalar measurement with the prediction of each of M hypotheses.
 
     innovation: measured minus predicted value, (M,).
-    cross: covariance of the state and the predicted value, (12, M).
+    cross: covariance of the state and the predicted value, (M, 12).
     variance: variance of the innovation, (M,).
     outlier_spread: width of the interval over which outliers are uniformly distributed, in the unit
         of the value.
@@ -170,11 +174,11 @@ class Measurement(NamedTuple):
 class Transition(NamedTuple):
     """Linearized motion and process noise of M hypotheses over a step.
 
-    x: states after the step, (12, M).
-    J: Jacobian of range and direction, (2, 12, M). The other rows of the Jacobian are diagonal.
+    x: states after the step, (M, 12).
+    J: Jacobian of range and direction, (M, 2, 12). The other rows of the Jacobian are diagonal.
     keep: factor of each of the other states, (12,).
-    added: variances of the process noise, (12, M).
-    moved: covariances of the process noise: range and direction with the other states, (2, 12, M).
+    added: variances of the process noise, (M, 12).
+    moved: covariances of the process noise: range and direction with the other states, (M, 2, 12).
     dt: duration of the step, s.
     """
 
@@ -196,32 +200,31 @@ def transition(
     """
     r, theta, J = motion(h.x, dt, chord)
     keep = decay(dt)
-    x = h.x * keep[:, None]
-    x[R] = r
-    x[THETA] = theta
+    x = h.x * keep
+    x[:, R] = r
+    x[:, THETA] = theta
     error = (1 - keep[B] ** 2) * sigma**2
     gust = 1 - keep[GX] ** 2
     nose = 1.0 if accelerations and dt > 0 else 0.0
     factors = np.array((0, 0, dt, dt, dt, error, gust, gust, dt, dt, nose, nose))
-    added = noise.growth * factors[:, None]
-    moved = J * (added * MOVED)
-    added[R] = added[DX] * (dt**2 / 3) + added[GX] * (dt**2 / 3) + added[EX] * (dt**2 / 4)
-    added[R] += POSITION_PSD * dt
-    added[THETA] = added[R] / r**2
+    added = noise.growth * factors
+    moved = J * (added * MOVED)[:, None]
+    added[:, R] = added @ SPREADS * dt**2 + POSITION_PSD * dt
+    added[:, THETA] = added[:, R] / r**2
     return Transition(x, J, keep, added, moved, dt)
 
 
 def predict(h: Hypotheses, step: Transition) -> Hypotheses:
     """Return the hypotheses after a step."""
-    P = h.P * (step.keep[:, None] * step.keep)[..., None]
-    JP = np.einsum("akm,kjm->ajm", step.J, h.P)
-    place = np.einsum("akm,bkm->abm", JP, step.J)
-    place[1, 0] = place[0, 1]
-    rows = JP * step.keep[:, None] + step.moved
-    rows[:, :2] = place
-    P[:2] = rows
-    P[:, :2] = np.swapaxes(rows, 0, 1)
-    P.reshape(STATES * STATES, -1)[:: STATES + 1] += step.added
+    P = h.P * (step.keep[:, None] * step.keep)
+    JP = step.J @ h.P
+    place = JP @ step.J.swapaxes(1, 2)
+    place[:, 1, 0] = place[:, 0, 1]
+    rows = JP * step.keep + step.moved
+    rows[:, :, :2] = place
+    P[:, :2] = rows
+    P[:, :, :2] = rows.swapaxes(1, 2)
+    P.reshape(-1, STATES * STATES)[:, :: STATES + 1] += step.added
     # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
     # weight.
     return Hypotheses(step.x, P, h.log_weight * exp(-step.dt / 20.0))
@@ -237,24 +240,26 @@ def decay(dt: float) -> Array:
 
 
 def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
-    """Return range (m) and direction (rad) of states x (12, M) after dt (s) along a chord (m), and
-    their Jacobian, (2, 12, M).
+    """Return range (m) and direction (rad) of states x (..., 12) after dt (s) along a chord (m),
+    and their Jacobian, (..., 2, 12).
 
     Complex numbers contain east and north components. Multiplying by conj(u) converts them to the
     components along and across the line of sight u.
     """
     moves = dt * MOVES
     moves[KAPPA] = complex(*chord)
-    towards = np.exp(-1j * x[THETA])
-    seen = x[R] + (moves @ x) * towards
+    before = x.T[R]
+    towards = np.exp(-1j * x.T[THETA])
+    seen = before + (x @ moves) * towards
     r = np.maximum(np.abs(seen), CLOSEST)
-    turned = seen.conj() * (1 / r)
-    place = moves[:, None] * (towards * turned)
-    place[R] = turned
-    place[THETA] = 1j * x[R] * turned
-    J = np.array((place.real, place.imag))
-    J[1] /= r
-    theta = x[THETA] + np.arctan2(seen.imag, seen.real)
+    turned = seen.conj() / r
+    place = (towards * turned)[..., None] * moves
+    place.T[R] = turned
+    place.T[THETA] = 1j * before * turned
+    J = np.empty((*x.shape[:-1], 2, STATES))
+    J[..., 0, :] = place.real
+    J[..., 1, :] = place.imag / r[..., None]
+    theta = x.T[THETA] + np.arctan2(seen.imag, seen.real)
     return r, theta, J
 
 
@@ -262,8 +267,8 @@ def range_measurement(h: Hypotheses, noise: Noise, z: float, sigma: float) -> Me
     """Return a range z (m) with standard deviation sigma (m) as a measurement for each
     hypothesis."""
     cross = h.P[:, R] + h.P[:, B]
-    variance = np.maximum(cross[R] + cross[B], 0.0) + (noise.white * sigma) ** 2
-    return Measurement(z - h.x[R] - h.x[B], cross, variance)
+    variance = np.maximum(cross[:, R] + cross[:, B], 0.0) + (noise.white * sigma) ** 2
+    return Measurement(z - h.x[:, R] - h.x[:, B], cross, variance)
 
 
 def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> Measurement:
@@ -274,21 +279,21 @@ def rate_measurement(h: Hypotheses, r_dot: float, sigma: float, air: Vector) -> 
 
     air: velocity through the air V u(psi) at the same time, with the measured airspeed, m/s.
     """
-    n = np.array((np.cos(h.x[THETA]), np.sin(h.x[THETA])))
-    v = np.outer(air, h.x[KAPPA]) + drift(h.x)
-    H = np.einsum("am,ak->km", n, DRIFT)
-    H[THETA] = n[0] * v[1] - n[1] * v[0]
-    H[KAPPA] = n[0] * air[0] + n[1] * air[1]
-    cross = np.einsum("jkm,km->jm", h.P, H)
+    n = np.array((np.cos(h.x[:, THETA]), np.sin(h.x[:, THETA]))).T
+    v = np.outer(h.x[:, KAPPA], air) + drift(h.x)
+    H = n @ DRIFT
+    H[:, THETA] = n[:, 0] * v[:, 1] - n[:, 1] * v[:, 0]
+    H[:, KAPPA] = n @ air
+    cross = (h.P @ H[..., None])[..., 0]
     # 0.1: added uncertainty of a measured range rate, as a share of V, if no accelerations are
     # used. (With accelerations, the noise of heading and airspeed is the state e.) A fifth of this
     # uncertainty is noise of heading and airspeed. The rest keeps the filter consistent in gusts:
     # the mean NEES is 2.4 with it, and 10 without it.
-    nose = np.where(h.P[EX, EX] > 0, 0.0, 0.1 * np.hypot(*air)) ** 2
-    variance = np.maximum((H * cross).sum(axis=0), 0.0) + sigma**2 + nose
+    nose = np.where(h.P[:, EX, EX] > 0, 0.0, 0.1 * np.hypot(*air)) ** 2
+    variance = np.maximum((H * cross).sum(axis=1), 0.0) + sigma**2 + nose
     # 10.0: width of the interval over which outliers of the range rate are uniformly distributed,
     # m/s.
-    return Measurement(r_dot - (n * v).sum(axis=0), cross, variance, 10.0)
+    return Measurement(r_dot - (n * v).sum(axis=1), cross, variance, 10.0)
 
 
 def acceleration_measurements(
@@ -313,19 +318,23 @@ def acceleration_measurements(
     H[0, EX] = H[1, EY] = -1.0
     expected = H.copy()
     expected[:, KAPPA] = acceleration.air
-    innovation = np.array(acceleration.change)[:, None] - expected @ h.x
-    HP = (H @ h.P.reshape(STATES, -1)).reshape(step.J.shape)
-    variance = H @ HP
-    variance.reshape(4, -1)[::3] += DRIFT @ step.added + ACCELERATION_PSD * step.dt
-    cross = HP * step.keep[:, None] + DRIFT[..., None] * step.added
-    place = np.einsum("ajm,bjm->abm", HP, step.J)
-    cross[:, :2] = place + np.swapaxes(DRIFT @ step.moved, 0, 1)
+    innovation = np.array(acceleration.change) - h.x @ expected.T
+    HP = H @ h.P
+    variance = HP @ H.T
+    variance.reshape(-1, 4)[:, ::3] += step.added @ DRIFT.T + ACCELERATION_PSD * step.dt
+    cross = HP * step.keep + DRIFT * step.added[:, None]
+    cross[:, :, :2] = HP @ step.J.swapaxes(1, 2) + DRIFT @ step.moved.swapaxes(1, 2)
     # The second component, without its regression on the first component.
-    slope = variance[0, 1] / variance[0, 0]
-    rest = np.maximum(variance[1, 1] - slope * variance[0, 1], 1e-12)
+    first = variance[:, 0, 0]
+    slope = variance[:, 0, 1] / first
+    rest = np.maximum(variance[:, 1, 1] - slope * variance[:, 0, 1], 1e-12)
     return (
-        Measurement(innovation[0], cross[0], variance[0, 0]),
-        Measurement(innovation[1] - slope * innovation[0], cross[1] - slope * cross[0], rest),
+        Measurement(innovation[:, 0], cross[:, 0], first),
+        Measurement(
+            innovation[:, 1] - slope * innovation[:, 0],
+            cross[:, 1] - slope[:, None] * cross[:, 0],
+            rest,
+        ),
     )
 
 
@@ -342,13 +351,13 @@ def correct(
     weight (M,): 1 for each hypothesis that uses the measurement, else 0.
     """
     share = weight / measured.variance
-    x = h.x + measured.cross * (share * measured.innovation)
+    x = h.x + measured.cross * (share * measured.innovation)[:, None]
     least, most = noise.scale_bounds
-    x[R] = np.maximum(x[R], CLOSEST)
-    x[KAPPA] = np.minimum(np.maximum(x[KAPPA], least), most)
+    x[:, R] = np.maximum(x[:, R], CLOSEST)
+    x[:, KAPPA] = np.minimum(np.maximum(x[:, KAPPA], least), most)
     # K S K' = root root', which is exactly symmetric in floating point.
-    root = measured.cross * np.sqrt(share)
-    return Hypotheses(x, h.P - root[:, None] * root, h.log_weight)
+    root = measured.cross * np.sqrt(share)[:, None]
+    return Hypotheses(x, h.P - root[:, :, None] * root[:, None], h.log_weight)
 
 
 def update(h: Hypotheses, noise: Noise, measured: Measurement, gate: float) -> Updated:
@@ -368,13 +377,13 @@ def mixture(h: Hypotheses) -> tuple[Array, Array]:
 
     Directions are averaged as differences from the direction of the most likely hypothesis."""
     weight = h.weight
-    direction = h.x[THETA, h.log_weight.argmax()]
+    direction = h.x[h.log_weight.argmax(), THETA]
     x = h.x.copy()
-    x[THETA] = direction + (x[THETA] - direction + np.pi) % (2 * np.pi) - np.pi
-    mean = x @ weight
-    apart = (x - mean[:, None]) * np.sqrt(weight)
-    covariance: Array = h.P @ weight
-    return mean, covariance + apart @ apart.T
+    x[:, THETA] = direction + (x[:, THETA] - direction + np.pi) % (2 * np.pi) - np.pi
+    mean = weight @ x
+    apart = (x - mean) * np.sqrt(weight)[:, None]
+    covariance = (weight @ h.P.reshape(-1, STATES * STATES)).reshape(STATES, STATES)
+    return mean, covariance + apart.T @ apart
 
 
 def polar(p: Array, P: Array) -> tuple[Array, Array]:
@@ -397,5 +406,5 @@ def position(x: Array) -> Array:
 
 
 def drift(x: Array) -> Array:
-    """Return the total drift d + g + e (2, ...), m/s."""
-    return x[DX : DY + 1] + x[GX : GY + 1] + x[EX : EY + 1]
+    """Return the total drift d + g + e (..., 2), m/s."""
+    return x[..., DX : DY + 1] + x[..., GX : GY + 1] + x[..., EX : EY + 1]

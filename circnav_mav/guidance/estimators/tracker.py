@@ -98,10 +98,12 @@ class Tracker:
         bounds = settings.scale_bounds
         bias = settings.acceleration_bias
         self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight, bounds, bias)
-        x = np.repeat(mean[:, None], len(MODELS), axis=1)
-        P = np.repeat(covariance[:, :, None], len(MODELS), axis=2)
+        self._averaged = np.array((psd, gust, acceleration_weight))
+        self._uses_accelerations = acceleration_weight > 0
+        x = np.repeat(mean[None], len(MODELS), axis=0)
+        P = np.repeat(covariance[None], len(MODELS), axis=0)
         self.tracks = Hypotheses(x, P, np.zeros(len(MODELS)))
-        self.estimate = self._estimate(mean, covariance, trusted)
+        self.estimate = self._estimate(mean, covariance, self.tracks.weight, trusted)
         self.nis: float | None = None
         self.refused = False
         self.missed = 0.0
@@ -190,18 +192,21 @@ class Tracker:
         if rate is not None:
             h, _, _ = ekf.update(h, noise, ekf.rate_measurement(h, *rate), gate)
         mean, covariance = ekf.mixture(h)
-        uses_accelerations = noise.acceleration_weight > 0
-        h = _revive(h, uses_accelerations, mean, covariance)
-        self.tracks = _supply_scale(h, uses_accelerations)
-        self.estimate = self._estimate(mean, covariance, self.estimate.trusted)
+        h = _revive(h, self._uses_accelerations, mean, covariance)
+        weight = h.weight
+        self.tracks = _supply_scale(h, weight, self._uses_accelerations)
+        self.estimate = self._estimate(mean, covariance, weight, self.estimate.trusted)
 
-    def _estimate(self, mean: Array, covariance: Array, trusted: bool) -> Estimate:
-        """Return the mixture as an estimate. trusted: True if the estimate before could steer."""
+    def _estimate(self, mean: Array, covariance: Array, weight: Array, trusted: bool) -> Estimate:
+        """Return the mixture as an estimate.
+
+        weight: probabilities of the models, (M,).
+        trusted: True if the estimate before could steer.
+        """
         r = max(mean.item(R), 1.0)
         variance = covariance.item(R, R) / r**2 + covariance.item(THETA, THETA)
         spread = sqrt(max(variance, 0.0))
-        noise = self.noise
-        weight = self.tracks.weight
+        drift_psd, gust, acceleration_weight = (self._averaged @ weight).tolist()
         # Hysteresis: an estimate that steers is used until it is much worse. Even then it holds the
         # circle better than a range-only law. A single bound would switch the law whenever the
         # spread fluctuates around this bound.
@@ -210,9 +215,9 @@ class Tracker:
             covariance,
             spread=spread,
             trusted=spread < (KEPT if trusted else TRUSTED),
-            drift_psd=noise.drift_psd.dot(weight).item(),
-            gust=noise.gust.dot(weight).item(),
-            acceleration_weight=noise.acceleration_weight.dot(weight).item(),
+            drift_psd=drift_psd,
+            gust=gust,
+            acceleration_weight=acceleration_weight,
         )
 
 
@@ -246,12 +251,14 @@ def _revive(
             if h.log_weight[kind].max() >= FORGOTTEN:
                 start, spread = _mixture_of(h, kind)
             spread = AS_STEADY @ spread @ AS_STEADY.T
-            x[:, restarts] = (AS_STEADY @ start)[:, None]
-            P[:, :, restarts] = ((spread + spread.T) / 2)[:, :, None]
+            x[restarts] = AS_STEADY @ start
+            P[restarts] = (spread + spread.T) / 2
     return Hypotheses(x, P, np.where(forgotten, REVIVED, h.log_weight))
 
 
-def _supply_scale(h: Hypotheses, uses_accelerations: NDArray[np.bool_]) -> Hypotheses:
+def _supply_scale(
+    h: Hypotheses, weight: Array, uses_accelerations: NDArray[np.bool_]
+) -> Hypotheses:
     """Return the hypotheses with the airspeed scale of the models without accelerations in each
     model with accelerations that is less certain of it. The other states of this model change by
     their covariance with the scale.
@@ -260,14 +267,24 @@ def _supply_scale(h: Hypotheses, uses_accelerations: NDArray[np.bool_]) -> Hypot
     flight of ArduPlane their scale fell from 1.01 to 0.88 after the wind had changed. The true
     scale was 1.03, as the other models had found before.
     """
-    mean, covariance = _mixture_of(h, ~uses_accelerations)
-    variance = h.P[KAPPA, KAPPA]
-    excess = np.where(uses_accelerations, np.maximum(variance - covariance[KAPPA, KAPPA], 0.0), 0.0)
-    gain = h.P[:, KAPPA] / variance
-    error = np.where(excess > 0, h.x[KAPPA] - mean[KAPPA], 0.0)
-    return Hypotheses(h.x - gain * error, h.P - gain[:, None] * gain * excess, h.log_weight)
+    weight = np.where(uses_accelerations, 0.0, weight)
+    weight /= weight.sum()
+    scale = h.x[:, KAPPA]
+    variance = h.P[:, KAPPA, KAPPA]
+    mean = weight @ scale
+    certain = weight @ (variance + (scale - mean) ** 2)
+    (uncertain,) = (uses_accelerations & (variance > certain)).nonzero()
+    if not uncertain.size:
+        return h
+    x = h.x.copy()
+    P = h.P.copy()
+    for model in uncertain:
+        gain = h.P[model, KAPPA] / variance[model]
+        x[model] -= gain * (scale[model] - mean)
+        P[model] -= gain[:, None] * gain * (variance[model] - certain)
+    return Hypotheses(x, P, h.log_weight)
 
 
 def _mixture_of(h: Hypotheses, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Return mean (12,) and covariance (12, 12) of the weighted hypotheses of some models, (M,)."""
-    return ekf.mixture(Hypotheses(h.x[:, chosen], h.P[:, :, chosen], h.log_weight[chosen]))
+    return ekf.mixture(Hypotheses(h.x[chosen], h.P[chosen], h.log_weight[chosen]))
