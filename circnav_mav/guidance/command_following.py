@@ -7,7 +7,7 @@ bank. Ranges are not used, so a wrong range raises no alarm.
 
 Following: least squares of the flown on the predicted turns. A vehicle that follows has a gain of a
 third or more at one of the candidate delays. Otherwise the flown turns fit better to a constant
-turn (commands are ignored), a negative gain (reversed) or a gain below a fifth (weak).
+turn (commands are ignored), a negative gain (reversed) or a gain below a third (weak).
 
 Limit cycle: autocorrelation of the fast part of the turns. In a limit cycle the turns repeat after
 one period and are reversed after half a period. Gusts and noise may be as large, but have no
@@ -27,18 +27,10 @@ from circnav_mav.guidance.turn_response import BIN, TurnBin
 Array = NDArray[Any]
 LONGEST_GAP = 1.0
 """Gap between two bins, s, after which the window restarts: the turns in between are unknown."""
-BEGINS = 1.6
-"""Time after the first command, s, before turns are compared: the vehicle first finishes its
-previous maneuver."""
-
 LEAST_GAIN = 1 / 3
-"""Lowest gain (flown over predicted turns) of a vehicle that follows. A plane with a bank limit
-below the mission's limit has such a low gain."""
-MOST_GAIN = 1.6
-"""Highest gain of a vehicle that follows."""
-WEAK_GAIN = 0.2
-"""Highest gain of a vehicle that does not follow. Between this gain and LEAST_GAIN there is no
-verdict. The lowest gain is -MOST_GAIN: the vehicle turns opposite to the commands."""
+"""Lowest gain (flown over predicted turns) of a vehicle that follows, and highest gain of a vehicle
+that does not. A plane with a bank limit below the mission's limit has such a low gain. Near this
+gain both models fit alike, so there is no verdict."""
 WINDOWS = 12, 20, 50
 """Lengths of the windows, bins. Hard turns are judged within 2.4 s, small turns need 10 s."""
 BETTER = 0.3
@@ -59,11 +51,10 @@ SLOWEST_PERIOD = 40
 """Longest period of a limit cycle while the law uses the estimated target position, bins (8 s). A
 copter at its acceleration limit oscillated with periods of 5 to 6 s."""
 REPEATS = 0.8
-"""Least autocorrelation of a limit cycle after one period. On the emulated vehicles, limit cycles
+"""Least autocorrelation of a limit cycle after one period, and its least magnitude, with negative
+sign, after half a period. On the emulated vehicles, limit cycles
 reach magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s reach 0.6, approaches and
 acquisition at most 0.71."""
-REVERSES = -0.75
-"""Largest (least negative) autocorrelation of a limit cycle after half a period."""
 LOWERED = 0.7
 """Factor on the gains after each limit cycle."""
 LEAST = 0.15
@@ -159,8 +150,7 @@ class LimitCycle:
             longest = min(SLOWEST_PERIOD, int(0.4 * self.lap / BIN))
             swings = self._swings(turns[:, -size:], longest)
         self._regular = self._regular + 1 if swings else 0
-        # 5: consecutive bins in which the oscillation must be regular.
-        if self._regular >= 5:
+        if self._regular >= IN_A_ROW:
             self.share = max(self.share * LOWERED, LEAST)
             # Turns flown with the previous gains do not show the effect of the new ones.
             self._turns.clear()
@@ -191,11 +181,11 @@ def _evidence(flown: Array, predicted: Array) -> int:
     product = flown @ predicted
     energy = float(flown @ flown)
     gains = product / np.maximum(square, 1e-9)
-    followed_gain = gains.clip(LEAST_GAIN, MOST_GAIN)
+    followed_gain = np.maximum(gains, LEAST_GAIN)
     # Ignore the worst bin. A late attitude or a lost setpoint makes one bin wrong. A vehicle that
     # does not follow makes many bins wrong.
     following = _without_worst((flown[:, None] - followed_gain * predicted) ** 2)
-    weak_gain = gains.clip(-MOST_GAIN, WEAK_GAIN)
+    weak_gain = np.minimum(gains, LEAST_GAIN)
     weak = energy + float((weak_gain * (weak_gain * square - 2 * product)).min())
     other = min(weak, energy - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
@@ -245,7 +235,7 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
     peak = negative + int(correlation[negative:].argmax())
     if peak + 1 >= longest:  # still rising: the period is longer
         return False
-    return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= REVERSES)
+    return bool(correlation[peak] >= REPEATS and correlation[: peak + 1].min() <= -REPEATS)
 
 
 @cache

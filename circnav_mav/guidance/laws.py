@@ -14,6 +14,7 @@ from functools import partial
 from math import asin, copysign, cos, pi, sqrt, tanh
 from typing import Any
 
+from circnav_mav.guidance.maths import REACHABLE
 from circnav_mav.guidance.own_code import NameTable, call, checked
 from circnav_mav.guidance.types import Orbit, OwnLaw
 
@@ -88,7 +89,7 @@ def tolerated_drift(V: float, r_d: float, max_turn_rate: float) -> float:
     the course turns V/(V + W) times as fast as the nose. max_turn_rate: reached by the vehicle,
     rad/s. This condition is derived, and is necessary for every law.
     """
-    return min(sqrt(r_d * V * max_turn_rate) - V, 0.99 * V)
+    return min(sqrt(r_d * V * max_turn_rate) - V, REACHABLE * V)
 
 
 def settling_time(r: float, V: float, r_d: float, max_turn_rate: float) -> float:

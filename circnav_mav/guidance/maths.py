@@ -4,6 +4,10 @@ import math
 
 Vector = tuple[float, float]
 """Components x and y."""
+REACHABLE = 0.98
+"""Largest sine of the angle between heading and ground course, and so the largest drift, in units
+of V, for which a course is planned. A stronger wind makes the course impossible: then the nose
+points nearly across the course."""
 MAX_SIGMA_GROWTH = 5.0
 """Largest ratio of the noise of the horizontal range to the noise of the slant range. It is reached
 at an elevation of 78 deg. Samples with a larger ratio are rejected."""

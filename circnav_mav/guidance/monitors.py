@@ -6,7 +6,7 @@ from math import exp, inf, pi
 from typing import NamedTuple
 
 from circnav_mav.guidance.laws import tolerated_drift
-from circnav_mav.guidance.maths import wrap
+from circnav_mav.guidance.maths import REACHABLE, wrap
 from circnav_mav.guidance.types import Orbit, RangeEstimate
 from circnav_mav.timers import Hysteresis, LowPass
 
@@ -212,7 +212,7 @@ def watch_lap(alarm: LapAlarm, estimate: RangeEstimate | None, tolerance: float)
     path = alarm.path + flown
     # w: drift over airspeed. Its square is averaged over the lap: when the wind changes, most of
     # the lap was flown in the previous wind.
-    w = min(motion.drift / airspeed, 0.9) if motion.trusted else 0.0
+    w = min(motion.drift / airspeed, REACHABLE) if motion.trusted else 0.0
     blown = alarm.blown + w**2 * flown
     least = min(alarm.least, estimate.r)
     most = max(alarm.most, estimate.r)

@@ -96,9 +96,9 @@ class NoiseCheck:
         # Without enough residuals (there are none at uneven intervals), use the reported sigma.
         if self._wide.count < KEPT_WIDE or self._raw.count < ENOUGH:
             return sigma
-        # 0.29: standard deviation of rounding, in steps of the resolution. Without this term, the
+        # The error of rounding is uniform over a step of the resolution. Without this term, the
         # measured sigma of coarsely rounded values may be 0.
-        rounding = 0.0 if self._step == inf else 0.29 * self._step
+        rounding = 0.0 if self._step == inf else self._step / (2 * sqrt(3))
         measured = max(self._raw.sigma, self._wide.sigma, rounding)
         if self.lowered is None and sigma <= TOO_LITTLE * measured:
             return sigma

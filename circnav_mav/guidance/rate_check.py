@@ -8,7 +8,7 @@ median is robust to outliers.
 """
 
 from collections import deque
-from math import sqrt
+from math import pi, sqrt
 from statistics import median
 from typing import NamedTuple
 
@@ -115,8 +115,8 @@ class RateCheck:
         # 0.1: share of a range's variance that does not average out over a span, because radios
         # also have slow errors.
         return _Slope(
-            -off, sigma * sqrt(2 * (1.57 / half + 0.1)) / apart, change
-        )  # 1.57: median over mean
+            -off, sigma * sqrt(2 * (pi / 2 / half + 0.1)) / apart, change
+        )  # pi/2: variance of a median over that of a mean
 
 
 class _Slope(NamedTuple):

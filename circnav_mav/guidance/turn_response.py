@@ -89,8 +89,6 @@ class CandidateTurns:
     def __init__(self) -> None:
         self.commanded: float | None = None
         """Turn rate commanded now, rad/s, or None."""
-        self.begun = inf
-        """Time of the first command, s."""
         self._turned: deque[tuple[float, Array]] = deque()
         self._mode = np.zeros(LAGS.size, complex)
 
@@ -98,7 +96,6 @@ class CandidateTurns:
         """Record a commanded turn rate (rad/s) and the time (s) of its start."""
         if self.commanded is None:
             self._mode = STEADY * rate
-            self.begun = time
             self._turned.append((time, np.zeros(LAGS.size)))
         else:
             self._advance(time)
@@ -107,7 +104,6 @@ class CandidateTurns:
     def reset(self) -> None:
         """Forget the commands."""
         self.commanded = None
-        self.begun = inf
         self._turned.clear()
 
     def at(self, time: float) -> Array | None:
@@ -199,13 +195,14 @@ class ResponseLearner:
 
     def __init__(self, expected: float) -> None:
         """expected: initial dead time plus lag, s."""
-        prior = (LOG_DELAYS - log(max(expected, 0.05))) / PRIOR_SIGMA
+        least = float(DELAYS.min())
+        prior = (LOG_DELAYS - log(max(expected, least))) / PRIOR_SIGMA
         # Standard deviation of lag/(dead time + lag) about its mean of 0.5.
         self._prior = -0.5 * (prior**2 + ((LAGS / DELAYS - 0.5) / 0.5) ** 2)
         self._fit = RecursiveLeastSquares(self.MEMORY)
         self._best: tuple[Any, float, float, float] | None = None
         """Best candidate, its slope, offset (rad/s) and noise (rad/s)."""
-        self._response = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, 0.05))
+        self._response = Response(0.5 * expected, 0.5 * expected, 2 / max(expected, least))
 
     @property
     def knowledge(self) -> tuple[Any, ...]:

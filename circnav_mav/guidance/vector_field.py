@@ -14,14 +14,11 @@ from math import acos, asin, atan2, cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
 from circnav_mav.guidance.lap_plan import Lap
-from circnav_mav.guidance.maths import Vector, chord, clip, wrap
+from circnav_mav.guidance.maths import REACHABLE, Vector, chord, clip, wrap
 from circnav_mav.guidance.turn_response import Pending
 
 STEP = 0.05
 """Half the interval of the central difference of the field along the path, s."""
-REACHABLE = 0.98
-"""Largest sine of the angle between heading and ground course. A wind that requires a larger angle
-makes the course impossible: then the nose points nearly across the course."""
 RADIAL_SHARE = 0.4
 """Gain of the radius loop over gain of the heading loop. At the margins of `drift_gains`, 0.4
 suppresses slow errors best. On ArduPlane 4.6.3, wind and turbulence disturbed the radius at

@@ -10,7 +10,7 @@ from copy import copy
 from math import exp, inf, pi, remainder
 from typing import Any, NamedTuple
 
-from circnav_mav.guidance.command_following import BEGINS, CommandFollowing, LimitCycle
+from circnav_mav.guidance.command_following import CommandFollowing, LimitCycle
 from circnav_mav.guidance.limits import BankLimit
 from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.turn_response import (
@@ -253,9 +253,7 @@ class VehicleModel:
         self._nose += remainder(nose.heading - self._nose, 2 * pi)
         turned = self._nose if nose.bank_turn is None else self._turned
         new = self._nose_bins.add(nose.time, turned, self.link)
-        # After the first command, the vehicle first finishes its previous maneuver. Do not judge
-        # these turns.
-        if new is not None and new.time - self._candidates.begun >= BEGINS:
+        if new is not None:
             self.limit_cycle.judge(new.time, new.flown, self._commanded)
             self.command_following.judge(new)
 

@@ -88,6 +88,8 @@ def test_steering_reports_command_just_below_limit_as_saturated():
     so the command stays slightly below the limit."""
     steer = Steering(ORBIT, LawChoice("auto", 0.06))
     assert not any(steer(estimate(100.0, 0.0, 0.05 * i)).saturated for i in range(5))
+    tight = Orbit(V / (0.95 * LIMIT), Direction.CLOCKWISE, V, LIMIT)
+    assert not Steering(tight, LawChoice("auto", 0.06))(estimate(tight.radius, 0.0)).saturated
     close = known(x=20.0, heading=pi)
     last = [steer(estimate(20.0, -15.0, 0.25 + 0.05 * i, close)) for i in range(60)][-1]
     assert abs(last.demanded) > LIMIT
@@ -167,31 +169,42 @@ def test_drift_law_uses_gains_of_given_response():
         ).demanded == pytest.approx(float(wanted))
 
 
+def fed_drift(drifts):
+    """Return the turn rates on a circle for a series of drifts across the nose, m/s, one each
+    0.05 s."""
+    orbit = Orbit(
+        radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44
+    )
+    steer = Steering(orbit, LawChoice("auto", 0.01))
+    turns = []
+    for tick, blows in enumerate(drifts):
+        here = known(x=150.0, drift_x=blows, heading=pi / 2, turn_rate=22.0 / 150.0, airspeed=22.0)
+        turns.append(steer(estimate(150.0, 0.0, tick * 0.05, here)).turn_rate)
+    return turns
+
+
 def test_steering_attenuates_drift_oscillation_of_1_hz():
     """A drift of 1 m/s across the nose is a crab angle of 1/V; at a frequency f it changes by up to
     2 pi f/V. A few false ranges can move the estimated drift by 1 m/s for a short time, and this
     must not turn the vehicle."""
-    orbit = Orbit(
-        radius=150.0, direction=Direction.COUNTERCLOCKWISE, speed=22.0, max_turn_rate=0.44
-    )
+    turns = fed_drift([np.cos(2 * pi * 0.05 * tick) for tick in range(60)])[30:]
+    assert max(turns) - min(turns) < 0.5 * 2 * (2 * pi / 22.0)
 
-    def swing(frequency: float) -> float:
-        steer = Steering(orbit, LawChoice("auto", 0.01))
-        turns = []
-        for tick in range(round(3 / frequency / 0.05)):
-            blows = np.cos(2 * pi * frequency * tick * 0.05)
-            here = known(
-                x=150.0,
-                drift_x=blows,
-                heading=pi / 2,
-                turn_rate=22.0 / 150.0,
-                airspeed=22.0,
-            )
-            turns.append(steer(estimate(150.0, 0.0, tick * 0.05, here)).turn_rate)
-        late = turns[len(turns) // 2 :]
-        return max(late) - min(late)
 
-    assert swing(1.0) < 0.5 * 2 * (2 * pi * 1.0 / orbit.speed)
+def test_steering_follows_drift_ramp_within_half_a_second():
+    """The drift grows by 0.5 m/s^2, as when a plane meets a gust front."""
+    turns = fed_drift([0.0] * 100 + [0.5 * 0.05 * tick for tick in range(11)])
+    assert turns[-1] - turns[99] > 0.028
+
+
+@pytest.mark.parametrize(("r_dot", "turn"), [(0.18, None), (0.42, LIMIT)])
+def test_departure_bends_command_from_fifth_of_speed(r_dot, turn):
+    """From two fifths of the speed on, a vehicle that flies away turns at its limit."""
+    auto, plain = (Steering(ORBIT, LawChoice(name, 0.01)) for name in ("auto", "feedforward"))
+    leaving = estimate(120.0, r_dot * V)
+    wanted = abs(plain(leaving).turn_rate)
+    assert wanted < 0.9 * LIMIT
+    assert abs(auto(leaving).turn_rate) == pytest.approx(turn or wanted)
 
 
 @pytest.mark.parametrize("direction", Direction)
