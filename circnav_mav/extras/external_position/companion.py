@@ -182,8 +182,6 @@ class Companion:
             for request in self._streams.poll(now):
                 self._commands.send(request)
             return []
-        if self._ended:
-            return []
         self._ended = True
         return [once(request, target) for request in self._streams.give_back()]
 

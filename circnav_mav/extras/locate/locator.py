@@ -87,7 +87,6 @@ class Locator:
         self._gps = GpsFix()
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
-        self._accepted = 0
         self._gps_sigma = GPS_SIGMA
         self._home = 0.0
         self._clock = StampFilter(pilot.session.timesync.delay_increase, wrap=BOOT_WRAP)
@@ -96,7 +95,6 @@ class Locator:
         self._solved_to = float("-inf")
         self._since_announced = Since()
         self._announced: Place | None = None
-        self._ended = False
         self.true_radius: float | None = None
         """Mean horizontal distance from the place over the newest lap, computed from positions,
         m."""
@@ -115,10 +113,7 @@ class Locator:
             self._streams.received(ident)
             for message in self._decoder.decode(frame) if ident in WANTED else ():
                 self._take(message, now)
-        tracker = self._pilot.tracker
-        fresh = tracker.accepted - self._accepted
-        self._accepted = tracker.accepted
-        for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
+        for sample in self._pilot.tracker.recent:
             self._range(sample, now)
 
     def _take(self, message: Message, now: float) -> None:
@@ -182,6 +177,7 @@ class Locator:
                 self._track.popleft()
 
     def _range(self, sample: RangeSample, now: float) -> None:
+        """Add a range, unless it was added before."""
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
         slant = hypot(sample.r, self._pilot.height(now) or 0.0)
@@ -320,8 +316,7 @@ class Locator:
         if not self._pilot.done:
             for request in self._streams.poll(now):
                 self._commands.send(request)
-        elif not self._ended:
-            self._ended = True
+        else:
             farewell = [once(request, target) for request in self._streams.give_back()]
         for result in self._commands.take_results():
             if result.refused:
