@@ -129,10 +129,7 @@ class Locator:
             self._gps_sigma = max(least, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             self._commands.acknowledge(message, self._encoder.ids, now)
-        elif (
-            kind == "GLOBAL_POSITION_INT"
-            and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7
-        ):
+        elif kind == "GLOBAL_POSITION_INT" and has_place(message):
             self._position(message, now)
 
     @property
@@ -353,6 +350,11 @@ class Locator:
 
 def _too_long(error: float) -> str:
     return f"{abs(error):.0f} m too {'long' if error > 0 else 'short'}"
+
+
+def has_place(message: Message) -> bool:
+    """True if latitude and longitude of a GLOBAL_POSITION_INT are set and possible."""
+    return bool(0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7)
 
 
 def vehicle_frames(

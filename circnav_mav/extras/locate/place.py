@@ -224,6 +224,13 @@ class Place:
             "time_s": round(self.time, 2),
         }
 
+    @property
+    def scale_words(self) -> str:
+        """Scale of the ranges as text."""
+        if not self.scale_found:
+            return "scale 1 assumed: the ranges do not contradict it"
+        return f"scale {1 + self.scale:.4f} ±{self.scale_sigma:.4f}"
+
     def words(self) -> str:
         """Return a human-readable line."""
         height = (
@@ -243,4 +250,3 @@ class Place:
 NOT_OBSERVABLE = (
     "not observable: one circle cannot separate it from a range bias; fly a second radius or height"
 )
-NO_SCALE = "scale 1 assumed: the ranges do not contradict it"
