@@ -129,8 +129,8 @@ class Locator:
             self._gps_sigma = max(least, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             self._commands.acknowledge(message, self._encoder.ids, now)
-        elif kind == "GLOBAL_POSITION_INT" and has_place(message):
-            self._position(message, now)
+        elif kind == "GLOBAL_POSITION_INT" and (place := place_of(message)) is not None:
+            self._position(message, *place, now)
 
     @property
     def track(self) -> list[tuple[float, float]]:
@@ -145,9 +145,7 @@ class Locator:
         before the first position."""
         return self._track[-1] if self._track else None
 
-    def _position(self, message: Message, now: float) -> None:
-        latitude = message.lat / 1e7
-        longitude = message.lon / 1e7
+    def _position(self, message: Message, latitude: float, longitude: float, now: float) -> None:
         up = message.alt / 1000
         fix = self._gps.has_fix(now)
         if self.plane is None and fix:
@@ -352,9 +350,12 @@ def _too_long(error: float) -> str:
     return f"{abs(error):.0f} m too {'long' if error > 0 else 'short'}"
 
 
-def has_place(message: Message) -> bool:
-    """True if latitude and longitude of a GLOBAL_POSITION_INT are set and possible."""
-    return bool(0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7)
+def place_of(message: Message) -> tuple[float, float] | None:
+    """Return latitude and longitude of a GLOBAL_POSITION_INT, degrees. None if they are unset or
+    impossible."""
+    latitude = message.lat / 1e7
+    longitude = message.lon / 1e7
+    return (latitude, longitude) if 0 < max(abs(latitude), abs(longitude) / 2) <= 90 else None
 
 
 def vehicle_frames(
