@@ -58,7 +58,13 @@ RECORDED = ("flight.tlog", STEPS, "ticks.csv", "summary.json", "manifest.json")
 """Files that mark a folder as a recorded flight."""
 
 
-def fly_mission(
+def fly_mission(path: str, **options: Any) -> int:
+    """Fly a mission with the options of `fly`, and return the exit code. Raises Refused before the
+    flight begins, or after a crash of the loop."""
+    return int((flown_by(options) or _fly_vehicle)(path, **options))
+
+
+def _fly_vehicle(
     path: str,
     *,
     endpoint: str | None,
@@ -69,21 +75,7 @@ def fly_mission(
     output_mode: str | None,
     **options: Any,
 ) -> int:
-    """Fly a mission with the options of `fly`, and return the exit code. options: options that
-    extensions add. Raises Refused before the flight begins, or after a crash of the loop."""
-    if (instead := flown_by(options)) is not None:
-        return int(
-            instead(
-                path,
-                endpoint=endpoint,
-                overrides=overrides,
-                speed=speed,
-                duration=duration,
-                out=out,
-                output_mode=output_mode,
-                **options,
-            )
-        )
+    """Fly one vehicle. options: options that extensions add."""
     outlive_terminal()
     Thread(target=_import_libraries, daemon=True).start()
     # From now on, a signal ends the flight, not the process.

@@ -102,7 +102,7 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
     empty = "nothing to replay: flight.tlog or steps.csv is empty, or damaged from its beginning on"
     until = None
     with suppress(RunError):  # damaged ticks are reported after the replay
-        until = _end(run.ticks)
+        until = run.ticks.end
     done = _replayed(run.folder, pilot, recorded_steps(run.folder), empty=empty, until=until)
     whole = _say_damage(run, done, pilot)
     if pilot.controller.flown is not None:
@@ -175,11 +175,6 @@ def _shown(steps: Iterable[LoopStep], show: Show) -> Iterator[LoopStep]:
         yield step
 
 
-def _end(ticks: Ticks) -> float:
-    """Return the time of the last tick, s, or 0 without ticks."""
-    return float(ticks.time[-1]) if len(ticks.time) else 0.0
-
-
 def _mission(where: str, parse: Callable[..., Mission], overrides: Sequence[str]) -> Mission:
     """Return the mission with overrides. Raises MissionError, and Refused if the gain belongs to
     another law."""
@@ -230,7 +225,7 @@ def _check_steered(name: Path, pilot: Pilot) -> None:
 def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
     """Print warnings about missing or damaged parts of the log. Return True if the log is
     complete."""
-    end = _end(run.ticks)
+    end = run.ticks.end
     short = end - done.until > UNRECORDED
     spoilt = pilot.connection.counts[VEHICLE].bad
     problems = [run.damage_text] if run.damage_text else []

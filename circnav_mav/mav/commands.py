@@ -312,8 +312,11 @@ class StreamRequests:
         return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, interval) for interval in intervals]
 
     def give_back(self) -> list[Command]:
-        """Return the requests that restore the vehicle's own rates of the requested streams."""
+        """Return the requests that restore the vehicle's own rates of the requested streams. A
+        second call returns none."""
         asked = [message_id for message_id, stream in self._streams.items() if stream.asked]
+        for message_id in asked:
+            self._streams[message_id].asked = False
         return [
             Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, 0)) for message_id in asked
         ]

@@ -75,7 +75,7 @@ class Run:
         until, newest = (
             max(stamp - self.epoch_us, 0) / 1e6 for stamp in (found.until, found.newest)
         )
-        end = max(newest, float(self.ticks.time[-1]) if len(self.ticks.time) else 0.0)
+        end = max(newest, self.ticks.end)
         first = "" if found.cut else "from "
         return f"flight.tlog: {found} ({first}{until:.1f} s of {end:.1f} s)"
 

@@ -63,9 +63,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     engaged = ticks.engaged_at if facts.engaged_s is None else facts.engaged_s
     # A flight that never engaged starts after all ticks.
     start = inf if engaged is None else engaged
-    end = (
-        float(ticks.time[-1]) if facts.until_s is None and len(ticks.time) else facts.until_s or 0.0
-    )
+    end = ticks.end if facts.until_s is None else facts.until_s
     flown = ticks.time >= start
     steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.words["phase"]], bool)
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
@@ -123,7 +121,7 @@ def _problem(problem: str | None, ticks: Ticks, truth: Truth | None, end: float)
     flight, or None."""
     # Truth that ends early without a recording problem was not received: that is no gap in the
     # record.
-    ends = {"estimates": float(ticks.time[-1]) if len(ticks.time) else 0.0}
+    ends = {"estimates": ticks.end}
     if truth is not None and problem is not None:
         ends["truth"] = float(truth.time[-1])
     short = ", ".join(

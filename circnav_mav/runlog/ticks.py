@@ -48,6 +48,11 @@ class Ticks:
         """Run time of each tick, s."""
         return self.numbers["time"]
 
+    @property
+    def end(self) -> float:
+        """Run time of the last tick, s, or 0 without ticks."""
+        return float(self.time[-1]) if len(self.time) else 0.0
+
     def desired(self, otherwise: float) -> Column:
         """Return the desired radius of each tick, m. otherwise: radius for ticks that have none,
         m."""
@@ -64,11 +69,7 @@ class Ticks:
         """Return the radii of the flown circles, in order, m. otherwise: radius of ticks that have
         none, and of a run without ticks, m."""
         desired = self.desired(otherwise)
-        return (
-            [otherwise]
-            if not len(desired)
-            else [float(r) for r in desired[np.diff(desired, prepend=nan) != 0]]
-        )
+        return [float(r) for r in desired[np.diff(desired, prepend=nan) != 0]] or [otherwise]
 
     @property
     def engaged_at(self) -> float | None:

@@ -40,6 +40,8 @@ MANY = 64
 reported."""
 SHOWN = 24
 """Number of undecoded bytes that are shown to the operator."""
+MOST_SENDERS = 8
+"""Largest number of addresses with a stored driver, and of hosts whose bytes are examined."""
 LINE_ENDS = (b"\n", b"\r")
 BATCH = (
     "several ranges without a time arrive at once: only the newest is used. Send each range when it"
@@ -185,8 +187,7 @@ class RadioLink:
                 self._senders[source] = self._senders.pop(other)
                 return sender
         sender = _Sender(type(self._driver)() if self._senders else self._driver)
-        # 8: largest number of addresses with a stored driver.
-        if len(self._senders) >= 8:
+        if len(self._senders) >= MOST_SENDERS:
             del self._senders[next(iter(self._senders))]
         self._senders[source] = sender
         return sender
@@ -225,8 +226,7 @@ class RadioLink:
         key = host_of(source)
         host = self._hosts.get(key)
         if host is None or received:
-            # 8: largest number of hosts whose bytes are examined.
-            if host is None and len(self._hosts) >= 8:
+            if host is None and len(self._hosts) >= MOST_SENDERS:
                 del self._hosts[next(iter(self._hosts))]
             host = self._hosts[key] = _Host(now)
         if received:

@@ -20,7 +20,7 @@ from circnav_mav.extras.external_position.external_position import (
 )
 from circnav_mav.extras.external_position.settings import ExternalPositionSettings
 from circnav_mav.extras.locate.estimator import HEIGHT_UNKNOWN
-from circnav_mav.extras.locate.locator import STREAMS, Locator, vehicle_frames
+from circnav_mav.extras.locate.locator import STREAMS, Locator, place_of, vehicle_frames
 from circnav_mav.extras.locate.place import Place, Plane
 from circnav_mav.guidance.types import OwnMotion
 from circnav_mav.mav.codec import Decoder, Encoder, Message
@@ -104,8 +104,8 @@ class Companion:
             us = self._encoder.ids
             self._commands.acknowledge(message, us, now)
             self.external_position.answered(message, us, now)
-        elif self.plane is not None and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7:
-            east, north = self.plane.to_metres(message.lat / 1e7, message.lon / 1e7)
+        elif self.plane is not None and (place := place_of(message)) is not None:
+            east, north = self.plane.to_metres(*place)
             self.external_position.reported(east, north, self.reckoning.where, now)
 
     def _compare_compass(self, now: float) -> None:
@@ -181,8 +181,6 @@ class Companion:
         if not done or self._gives:
             for request in self._streams.poll(now):
                 self._commands.send(request)
-            return []
-        if self._ended:
             return []
         self._ended = True
         return [once(request, target) for request in self._streams.give_back()]

@@ -39,8 +39,8 @@ SAMPLE_EVERY = 0.2
 def member_overrides(
     path: str | Path,
     member: int,
-    overrides: Sequence[str] = (),
-    size: int = 6,
+    overrides: Sequence[str],
+    size: int,
     compass: float = 0.0,
 ) -> list[str]:
     """Return the overrides of a member's mission: the overrides of the whole fleet, then id, height

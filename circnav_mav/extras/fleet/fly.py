@@ -38,9 +38,9 @@ def fly_fleet(
     out: str | None,
     output_mode: str | None,
     fleet: int,
-    fleet_loss: float | None,
-    fleet_delay: float | None,
-    fleet_compass: float | None,
+    fleet_loss: float,
+    fleet_delay: float,
+    fleet_compass: float,
     **options: Any,
 ) -> int:
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
@@ -59,7 +59,7 @@ def fly_fleet(
     stop = StopRequest()
     given = flown_overrides(overrides, endpoint, duration)
     missions = [
-        read_mission(path, tuple(member_overrides(path, i + 1, given, fleet, fleet_compass or 0.0)))
+        read_mission(path, tuple(member_overrides(path, i + 1, given, fleet, fleet_compass)))
         for i in range(fleet)
     ]
     if not missions[0].flies_sim:
@@ -67,7 +67,7 @@ def fly_fleet(
     refuse_failing(path, missions[0], shown=[Grade.WARN])
     folder = _fleet_folder(out, Path(path).stem)
     seed = (missions[0].file.sim or {}).get("seed", 0)
-    network = LocalNetwork(fleet_loss or 0.0, fleet_delay or 0.0, seed)
+    network = LocalNetwork(fleet_loss, fleet_delay, seed)
     with ExitStack() as opened:
         # Only the first member has a live page: it shows the other members too.
         rest = options | {"web": None}
@@ -86,7 +86,7 @@ def fly_fleet(
             for member in each("writing the run folders", members, len(members))
         ]
     rows = [_row(member, code) for member, code in zip(flight.members, codes, strict=True)]
-    link = {"loss": fleet_loss or 0.0, "delay_s": fleet_delay or 0.0}
+    link = {"loss": fleet_loss, "delay_s": fleet_delay}
     with refusing(folder):
         write_json(
             folder / "fleet.json", {"mission": path, "link": link, **found.plain(), "each": rows}

@@ -285,8 +285,7 @@ def _say(tag: str, found: CalibrationFit) -> None:
     if calibration.points:
         say("  radio      not linear: a table of points")
     elif place.scale_found:
-        scale = f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}"
-        say(f"  radio      {scale}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
+        say(f"  radio      {place.scale_words}, bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m")
     # 0.01: largest standard deviation of an observed scale: 1 m at 100 m.
     elif found.scale_sigma < 0.01:
         say(f"  radio      {error}; scale 1 ±{found.scale_sigma:.4f}")

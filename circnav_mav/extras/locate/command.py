@@ -13,7 +13,7 @@ from circnav_mav.extras.locate.export import geojson, kml
 from circnav_mav.extras.locate.logs.interface import METERS, ReadOptions, meters_in
 from circnav_mav.extras.locate.logs.table import read_logs
 from circnav_mav.extras.locate.parameters import ardupilot
-from circnav_mav.extras.locate.place import NO_SCALE, NOT_OBSERVABLE, Array, Place
+from circnav_mav.extras.locate.place import NOT_OBSERVABLE, Array, Place
 from circnav_mav.extras.locate.range_log import EmptyLogError, RangeLog, corrected, tracks
 from circnav_mav.extras.locate.units import is_plausible, likely_unit
 from circnav_mav.foreign import printable
@@ -198,11 +198,8 @@ def _say(place: Place, known: Knowledge) -> None:
     if not place.up_known:
         say(f"  height     {NOT_OBSERVABLE}")
     bias = f"bias {place.bias:+.2f} ±{place.bias_sigma:.2f} m"
-    scale = (
-        f"scale {1 + place.scale:.4f} ±{place.scale_sigma:.4f}" if place.scale_found else NO_SCALE
-    )
     say(f"  ranges     noise {place.noise:.2f} m; {place.range_error_words()}")
-    say(f"  radio      {bias}, {scale}")
+    say(f"  radio      {bias}, {place.scale_words}")
     late = (
         f"timestamps of positions are {place.delay:+.2f} ±{place.delay_sigma:.2f} s later than"
         " timestamps of ranges"

@@ -87,7 +87,6 @@ class Locator:
         self._gps = GpsFix()
         self._track: deque[tuple[float, float, float, float]] = deque()
         self._ranges: deque[tuple[float, float, float]] = deque()
-        self._accepted = 0
         self._gps_sigma = GPS_SIGMA
         self._home = 0.0
         self._clock = StampFilter(pilot.session.timesync.delay_increase, wrap=BOOT_WRAP)
@@ -96,7 +95,6 @@ class Locator:
         self._solved_to = float("-inf")
         self._since_announced = Since()
         self._announced: Place | None = None
-        self._ended = False
         self.true_radius: float | None = None
         """Mean horizontal distance from the place over the newest lap, computed from positions,
         m."""
@@ -115,10 +113,7 @@ class Locator:
             self._streams.received(ident)
             for message in self._decoder.decode(frame) if ident in WANTED else ():
                 self._take(message, now)
-        tracker = self._pilot.tracker
-        fresh = tracker.accepted - self._accepted
-        self._accepted = tracker.accepted
-        for sample in list(tracker.recent)[-fresh:] if fresh > 0 else ():
+        for sample in self._pilot.tracker.recent:
             self._range(sample, now)
 
     def _take(self, message: Message, now: float) -> None:
@@ -134,11 +129,8 @@ class Locator:
             self._gps_sigma = max(least, min(reported, 100.0))
         elif kind == "COMMAND_ACK":
             self._commands.acknowledge(message, self._encoder.ids, now)
-        elif (
-            kind == "GLOBAL_POSITION_INT"
-            and 0 < max(abs(message.lat), abs(message.lon) / 2) <= 90e7
-        ):
-            self._position(message, now)
+        elif kind == "GLOBAL_POSITION_INT" and (place := place_of(message)) is not None:
+            self._position(message, *place, now)
 
     @property
     def track(self) -> list[tuple[float, float]]:
@@ -153,9 +145,7 @@ class Locator:
         before the first position."""
         return self._track[-1] if self._track else None
 
-    def _position(self, message: Message, now: float) -> None:
-        latitude = message.lat / 1e7
-        longitude = message.lon / 1e7
+    def _position(self, message: Message, latitude: float, longitude: float, now: float) -> None:
         up = message.alt / 1000
         fix = self._gps.has_fix(now)
         if self.plane is None and fix:
@@ -182,6 +172,7 @@ class Locator:
                 self._track.popleft()
 
     def _range(self, sample: RangeSample, now: float) -> None:
+        """Add a range, unless it was added before."""
         if self._ranges and sample.time <= self._ranges[-1][0]:
             return
         slant = hypot(sample.r, self._pilot.height(now) or 0.0)
@@ -320,8 +311,7 @@ class Locator:
         if not self._pilot.done:
             for request in self._streams.poll(now):
                 self._commands.send(request)
-        elif not self._ended:
-            self._ended = True
+        else:
             farewell = [once(request, target) for request in self._streams.give_back()]
         for result in self._commands.take_results():
             if result.refused:
@@ -358,6 +348,14 @@ class Locator:
 
 def _too_long(error: float) -> str:
     return f"{abs(error):.0f} m too {'long' if error > 0 else 'short'}"
+
+
+def place_of(message: Message) -> tuple[float, float] | None:
+    """Return latitude and longitude of a GLOBAL_POSITION_INT, degrees. None if they are unset or
+    impossible."""
+    latitude = message.lat / 1e7
+    longitude = message.lon / 1e7
+    return (latitude, longitude) if 0 < max(abs(latitude), abs(longitude) / 2) <= 90 else None
 
 
 def vehicle_frames(

@@ -31,15 +31,21 @@ class Plane:
     def to_metres(self, latitude: Any, longitude: Any) -> tuple[Any, Any]:
         """Return east and north (m) of a latitude and longitude (degrees), numbers or arrays."""
         east, north = self._metres_per_radian()
-        around = (longitude - self.longitude + 180) % 360 - 180
-        return around * radians(east), (latitude - self.latitude) * radians(north)
+        return wrapped(longitude - self.longitude) * radians(east), (
+            latitude - self.latitude
+        ) * radians(north)
 
     def to_degrees(self, east: Any, north: Any) -> tuple[Any, Any]:
         """Return latitude and longitude (degrees) of coordinates on the plane (m), numbers or
         arrays."""
         per_east, per_north = self._metres_per_radian()
         longitude = self.longitude + degrees(1 / per_east) * east
-        return self.latitude + degrees(1 / per_north) * north, (longitude + 180) % 360 - 180
+        return self.latitude + degrees(1 / per_north) * north, wrapped(longitude)
+
+
+def wrapped(longitude: Any) -> Any:
+    """Return a longitude, number or array, from -180 to 180 degrees."""
+    return (longitude + 180) % 360 - 180
 
 
 Array = NDArray[np.float64]
@@ -224,6 +230,13 @@ class Place:
             "time_s": round(self.time, 2),
         }
 
+    @property
+    def scale_words(self) -> str:
+        """Scale of the ranges as text."""
+        if not self.scale_found:
+            return "scale 1 assumed: the ranges do not contradict it"
+        return f"scale {1 + self.scale:.4f} ±{self.scale_sigma:.4f}"
+
     def words(self) -> str:
         """Return a human-readable line."""
         height = (
@@ -243,4 +256,3 @@ class Place:
 NOT_OBSERVABLE = (
     "not observable: one circle cannot separate it from a range bias; fly a second radius or height"
 )
-NO_SCALE = "scale 1 assumed: the ranges do not contradict it"

@@ -17,6 +17,7 @@ import numpy as np
 
 from circnav_mav.extras.locate.estimator import LEAST
 from circnav_mav.extras.locate.logs.interface import FAR, METERS, Format, ReadOptions, by_boot
+from circnav_mav.extras.locate.place import wrapped
 from circnav_mav.extras.locate.range_log import RangeLog
 from circnav_mav.foreign import printable, read_lines
 from circnav_mav.runlog.run_folder import RunError
@@ -266,7 +267,7 @@ def _add(log: RangeLog, row: _Row) -> bool:
             not isnan(altitude) and not -1000 <= altitude <= 1e5
         ):  # some tables mark an unknown altitude by -9999
             raise row.error("altitude", f"{altitude:g} m is none: leave an unknown one empty")
-        log.positions.append((time, latitude, (longitude + 180) % 360 - 180, altitude))
+        log.positions.append((time, latitude, wrapped(longitude), altitude))
     slant = row.number("range")
     if not isfinite(slant):
         return False
