@@ -229,7 +229,7 @@ def _swings(turns: Array, least: float, longest: int) -> bool:
         return False
     longest = min(longest + 1, turns.size // PERIODS)
     correlation = _correlations(fast, longest)
-    if correlation.min() > REVERSES:
+    if correlation.min() > -REPEATS:
         return False
     negative = int((correlation < 0).argmax())
     peak = negative + int(correlation[negative:].argmax())

@@ -215,9 +215,9 @@ class Acquisition:
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale
         r = hypot(x[0], x[1])
-        # 0.2: largest standard deviation of the position of an accepted solution, as a share of
+        # 0.12: largest standard deviation of the position of an accepted solution, as a share of
         # the range.
-        precise = sqrt(P[0, 0] + P[1, 1]) < 0.2 * r
+        precise = sqrt(P[0, 0] + P[1, 1]) < 0.12 * r
         plausible = hypot(x[2], x[3]) < DRIFT_MOST * self._settings.speed
         elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
         # 5.0: least advantage in log likelihood of an accepted solution over every other position.
