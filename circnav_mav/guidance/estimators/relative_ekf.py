@@ -252,7 +252,7 @@ def motion(x: Array, dt: float, chord: Vector) -> tuple[Array, Array, Array]:
     towards = np.exp(-1j * x.T[THETA])
     seen = before + (x @ moves) * towards
     r = np.maximum(np.abs(seen), CLOSEST)
-    turned = seen.conj() / r
+    turned = seen.conj() * (1 / r)  # a division of complex numbers warns of NaN
     place = (towards * turned)[..., None] * moves
     place.T[R] = turned
     place.T[THETA] = 1j * before * turned
