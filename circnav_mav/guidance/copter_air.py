@@ -37,6 +37,8 @@ MAX_SLIP = 0.6
 SCALE_BOUNDS = (0.5, 2.0)
 """Bounds of the estimated airspeed scale (true over measured airspeed) of a copter without GPS. The
 drag coefficients of copters are between 0.2/s and 1/s."""
+DRAG_BOUNDS = (0.05, 2.0)
+"""Lower and upper bound of the drag per airspeed, learned or of the mission, 1/s."""
 SCALE_SIGMA = 0.25
 """Standard deviation of the airspeed scale before the drag is learned."""
 PRIOR = 10.0
@@ -115,8 +117,7 @@ class CopterAir:
         with the nose (a trimmed attitude)."""
         fit = self._fit
         drag = (fit.product() + PRIOR * self._drag_of_mission) / (fit.spread() + PRIOR)
-        # 0.05, 2.0: bounds of the drag, 1/s, as of `vehicle.drag_per_s`.
-        return complex(clip(drag.real, 0.05, 2.0), drag.imag)
+        return complex(clip(drag.real, *DRAG_BOUNDS), drag.imag)
 
     @property
     def coefficient(self) -> float:

@@ -18,6 +18,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from circnav_mav.guidance.copter_air import DRAG_BOUNDS
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.own_code import NameTable
@@ -47,6 +48,7 @@ Positive = Annotated[float, Field(gt=0, le=FAR)]
 NotNegative = Annotated[float, Field(ge=0, le=FAR)]
 Patience = Annotated[float, Field(ge=0, le=MAX_PATIENCE)]
 Height = Annotated[float, Field(ge=-FAR, le=FAR)]
+Drag = Annotated[float, Field(ge=DRAG_BOUNDS[0], le=DRAG_BOUNDS[1])]
 SystemId = Annotated[int, Field(ge=1, le=255)]
 ComponentId = Annotated[int, Field(ge=0, le=255)]
 Name = Annotated[str, Field(min_length=1)]
@@ -104,7 +106,7 @@ class VehicleTable(Table):
     max_bank_deg: Annotated[float, Field(gt=0, le=75)] | None = None
     # 10.0: longest delay from a command to its turn, s. A larger value was probably meant in ms.
     turn_lag_s: Annotated[float, Field(ge=0, le=10.0)] = 0.4
-    drag_per_s: Annotated[float, Field(ge=0.05, le=2.0)] = 0.35
+    drag_per_s: Drag = 0.35
     turn_gain: Literal["learn"] | Annotated[float, Field(ge=0.5, le=1.5)] = "learn"
     system_id: SystemId | None = None
 

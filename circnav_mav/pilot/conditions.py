@@ -13,6 +13,7 @@ from math import degrees, hypot
 from pymavlink.dialects.v20.all import MAV_SEVERITY_NOTICE as NOTICE
 from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING as WARNING
 
+from circnav_mav.guidance.limits import SHORT
 from circnav_mav.mav.identity import OUR_NAME, RADIO_NAME, VEHICLE_NAME
 from circnav_mav.mav.statustext import Announcer
 from circnav_mav.pilot.authority import SILENT
@@ -490,8 +491,8 @@ def _airspeed_implausible(view: StepView) -> Active | None:
 
 
 def _bank_limit(view: StepView) -> Active | None:
-    # A plane that banks by more than 0.95 of the mission's limit has shown no limit of its own.
-    if view.bank_limit > 0.95 * view.settings.facts.max_bank:
+    # A plane that banks nearly to the mission's limit has shown no limit of its own.
+    if view.bank_limit > SHORT * view.settings.facts.max_bank:
         return None
     return Active(f"vehicle banks {degrees(view.bank_limit):.0f} deg at most")
 

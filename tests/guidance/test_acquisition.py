@@ -185,7 +185,7 @@ def test_search_iterates_once_per_quarter_second_of_ranges():
 
 def test_normal_equations_contain_gradient_of_cost():
     rng = np.random.default_rng(1)
-    prior = Prior(3.0, dx=1.0, dy=-0.5, scale=1.02)
+    prior = Prior(3.0, 0.05, 1.0, -0.5, 1.02)
     bins = bins_of(arc(), (120.0, -60.0))
     x = np.array((110.0, -75.0, 1.0, 2.0, 0.97)) + rng.normal(size=(6, UNKNOWNS)) * 0.1
     cost, A, b = normal_equations(x, bins, prior)
@@ -198,7 +198,7 @@ def test_normal_equations_contain_gradient_of_cost():
 
 
 def test_iterations_lower_costs_below_cost_of_truth():
-    prior = Prior(3.0)
+    prior = Prior(3.0, 0.05)
     truth = np.array((120.0, -60.0, *WIND, 1.0))
     bins = bins_of(arc(), truth[:2])
     candidates = improve(on_circle(135.0, prior), bins, prior)

@@ -57,7 +57,7 @@ class Prior:
     """
 
     drift: float
-    kappa: float = 0.05
+    kappa: float
     dx: float = 0.0
     dy: float = 0.0
     scale: float = 1.0

@@ -210,7 +210,8 @@ class DriftEstimator(Estimator):
         if self.ready and estimate and (self._lately is None or now - self._lately[0] > MEMORY):
             dx, dy = drift(estimate.mean).tolist()
             scale = float(estimate.mean[KAPPA])
-            known = Prior(REMEMBERED * self._settings.speed, dx=dx, dy=dy, scale=scale)
+            settings = self._settings
+            known = Prior(REMEMBERED * settings.speed, settings.scale_sigma, dx, dy, scale)
             self._before = self._lately
             self._lately = (now, known)
 
