@@ -51,10 +51,9 @@ SLOWEST_PERIOD = 40
 """Longest period of a limit cycle while the law uses the estimated target position, bins (8 s). A
 copter at its acceleration limit oscillated with periods of 5 to 6 s."""
 REPEATS = 0.8
-"""Least autocorrelation of a limit cycle after one period, and its least magnitude, with negative
-sign, after half a period. On the emulated vehicles, limit cycles
-reach magnitudes of 0.9 and more. Stable loops in gusts of 3 m/s reach 0.6, approaches and
-acquisition at most 0.71."""
+"""Least magnitude of the autocorrelation of a limit cycle: positive after one period, negative
+after half a period. On the emulated vehicles, limit cycles reach magnitudes of 0.9 and more. Stable
+loops in gusts of 3 m/s reach 0.6, approaches and acquisition at most 0.71."""
 LOWERED = 0.7
 """Factor on the gains after each limit cycle."""
 LEAST = 0.15

@@ -25,10 +25,11 @@ from circnav_mav.guidance.maths import REACHABLE, Vector, wrap
 
 ANGLES = 72
 """Number of points of a lap: more points change the radius error by less than 2 %."""
-STEP = 1 / 200
-"""Grid step of planned laps, in the drift in units of V, and in the turn-rate limit in units of
-V/r_d. One lap is planned for each cell of drift and turn-rate limit, because the estimates vary by
-more than a cell."""
+DRIFT_STEP = 1 / 200
+"""Grid step of planned laps in the drift, in units of V. One lap is planned for each cell of drift
+and turn-rate limit, because the estimates vary by more than a cell."""
+LIMIT_STEP = 1 / 400
+"""Grid step of planned laps in the turn-rate limit, in units of V/r_d."""
 MOST_OFFSET = 0.2
 """Largest planned radius error, in units of the radius. The linear inequality is invalid for a
 larger error, so the error is clipped."""
@@ -69,7 +70,7 @@ def plan(d: Vector, *, V: float, r_d: float, limit: float) -> Lap | None:
     share = 0.99 * limit * r_d / V
     if (1 + drift) ** 2 <= share:
         return None
-    table = _table(floor(drift / STEP), floor(share / STEP))
+    table = _table(floor(drift / DRIFT_STEP), floor(share / LIMIT_STEP))
     return Lap(atan2(d[1], d[0]) - pi / 2, table, r_d)
 
 
@@ -78,8 +79,8 @@ def _table(drift_cell: int, limit_cell: int) -> NDArray[np.float64]:
     """Return e/r_d and its slope over a lap, at the center of a grid cell."""
     from scipy.optimize import nnls  # imported here because its import takes half a second
 
-    drift = (drift_cell + 0.5) * STEP
-    limit = (limit_cell + 0.5) * STEP
+    drift = (drift_cell + 0.5) * DRIFT_STEP
+    limit = (limit_cell + 0.5) * LIMIT_STEP
     angle = _SPACING * np.arange(ANGLES) - pi
     nose = np.sqrt(1 - (drift * np.sin(angle)) ** 2)
     ground = nose + drift * np.cos(angle)

@@ -112,11 +112,11 @@ class RateCheck:
             median((after[i] - before[i]) / (after[0] - before[0]) for before, after in pairs)
             for i in (1, 2)
         )
-        # 0.1: share of a range's variance that does not average out over a span, because radios
-        # also have slow errors.
-        return _Slope(
-            -off, sigma * sqrt(2 * (pi / 2 / half + 0.1)) / apart, change
-        )  # pi/2: variance of a median over that of a mean
+        # With white noise, the variance of the median is pi/2 times that of the mean. 0.1: share of
+        # a range's variance that does not average out over a span, because radios also have slow
+        # errors.
+        variance = 2 * (pi / 2 / half + 0.1) * sigma**2
+        return _Slope(-off, sqrt(variance) / apart, change)
 
 
 class _Slope(NamedTuple):

@@ -491,7 +491,7 @@ def _airspeed_implausible(view: StepView) -> Active | None:
 
 
 def _bank_limit(view: StepView) -> Active | None:
-    # A plane that banks nearly to the mission's limit has shown no limit of its own.
+    # A plane that reaches the mission's bank limit but for a few percent has no lower limit.
     if view.bank_limit > SHORT * view.settings.facts.max_bank:
         return None
     return Active(f"vehicle banks {degrees(view.bank_limit):.0f} deg at most")

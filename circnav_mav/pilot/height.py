@@ -31,7 +31,8 @@ class Height:
     def __init__(self, settings: OrbitTable) -> None:
         self._settings = settings
         self._zero = settings.target_altitude_m
-        """Altitude at which the height is that of the mission, or 0, m. None while unknown."""
+        """Altitude, m, at which the height above the target is `height_above_target_m`, or 0 if the
+        mission has no such height. None while unknown."""
         self._altitude: Report[float] = Report()
         self._engaged = False
         self._jumped = 0.0

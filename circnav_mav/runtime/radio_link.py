@@ -41,7 +41,8 @@ reported."""
 SHOWN = 24
 """Number of undecoded bytes that are shown to the operator."""
 MOST_SENDERS = 8
-"""Largest number of addresses with a stored driver, and of hosts whose bytes are examined."""
+"""Largest number of senders for which a driver is stored, and of hosts whose bytes are examined.
+Senders of UDP datagrams are distinguished by address and port."""
 LINE_ENDS = (b"\n", b"\r")
 BATCH = (
     "several ranges without a time arrive at once: only the newest is used. Send each range when it"

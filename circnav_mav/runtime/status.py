@@ -143,7 +143,10 @@ def kind(text: str) -> str:
 
 
 def shown(value: float | None, form: str, unknown: str = "-") -> str:
-    """Return a number in a format such as "{:.2f} m". unknown: text for None."""
+    """Return the text of a number, or `unknown` for None.
+
+    form: text with a place for the number, for example "range {:.2f} m".
+    """
     return unknown if value is None else form.format(value)
 
 

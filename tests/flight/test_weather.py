@@ -137,7 +137,7 @@ def test_lap_is_planned_with_learned_bank_limit():
         if tick.time > 15.0 and tick.turn_rate is not None
     )
     assert asked > 0.34
-    assert flown.ticks[-1].turn_gain == pytest.approx(EFFECTIVENESS / AIRSPEED_SCALE, abs=0.03)
+    assert flown.ticks[-1].turn_gain == pytest.approx(EFFECTIVENESS / AIRSPEED_SCALE, abs=0.02)
     lap = [truth for truth in flown.truths if truth.time > 45.0]
     assert rms_error(lap, 150.0) < 1.6
     assert sum(b"vehicle banks 35 deg at most" in data for _, data in flown.sent) == 1
