@@ -105,10 +105,11 @@ def watch_airspeed(
         usual = excess
     new = AirspeedAlarm(alarm.on, excess, usual, drift, alarm.since, estimate.time)
     # Tolerance of the change, m/s. In wind the average along the nose is not exactly 0, because the
-    # vehicle flies longer against the wind than with it. It also varies within a lap.
+    # vehicle flies longer against the wind than with it. The low-pass also leaves 1/(2 pi) of an
+    # oscillation with the period of a lap.
     W = abs(drift)
-    most = 0.12 * orbit.speed + W**2 / orbit.speed + W / 6
-    return new._replace(on=abs(new.change) > most * (0.9 if alarm.on else 1.0))
+    most = 0.12 * orbit.speed + W**2 / orbit.speed + W / (2 * pi)
+    return new._replace(on=abs(new.change) > most)
 
 
 class ClosingAlarm(NamedTuple):

@@ -9,14 +9,8 @@ from collections.abc import Callable
 from math import inf, nan, sqrt
 
 from circnav_mav.guidance.laws import max_range_acceleration
-from circnav_mav.guidance.white_noise import WhiteNoise, is_even, residual
+from circnav_mav.guidance.white_noise import KEPT, WhiteNoise, is_even, residual
 
-KEPT = 60
-"""Number of residuals of consecutive samples that are stored."""
-ENOUGH = 20
-"""Fewest residuals of consecutive samples for a measured sigma."""
-QUARTILE = 0.25
-"""Quantile of the magnitudes of residuals that gives the measured sigma."""
 WIDE = 0.4
 """Spacing, s, of the samples of wide residuals. A reported sigma is lowered only if these
 residuals are small, too."""
@@ -44,12 +38,12 @@ class NoiseCheck:
         """
         self._bend_of = bend
         self._patience = patience
-        self._newest: deque[tuple[float, float]] = deque(maxlen=256)
-        self._still = WhiteNoise(KEPT, QUARTILE)
+        self._newest: deque[tuple[float, float]] = deque(maxlen=KEPT_WIDE)
+        self._still = WhiteNoise()
         """Residuals of consecutive samples, minus the largest contribution of motion."""
-        self._raw = WhiteNoise(KEPT, QUARTILE)
+        self._raw = WhiteNoise()
         """Residuals of consecutive samples, motion included."""
-        self._wide = WhiteNoise(KEPT_WIDE, QUARTILE)
+        self._wide = WhiteNoise(KEPT_WIDE)
         """Residuals of samples that are WIDE apart."""
         self._differences: deque[float] = deque(maxlen=2 * KEPT)
         """Newest differences and second differences of the values, without those that are 0."""
@@ -72,9 +66,9 @@ class NoiseCheck:
     @classmethod
     def of_rates(cls, speed: float, max_turn_rate: float) -> "NoiseCheck":
         """Return the check for range rates (m/s)."""
-        # 0.4: time, s, in which a turn builds up. It bounds the rate of change of the range
+        # 0.5: time, s, in which a turn builds up. It bounds the rate of change of the range
         # acceleration.
-        most = max_range_acceleration(speed, max_turn_rate, 0.0) / 0.4
+        most = max_range_acceleration(speed, max_turn_rate, 0.0) / 0.5
         return cls(lambda rate: most, patience=2.0)
 
     def corrected(self, stamp: float, value: float, sigma: float, *, moving: bool = False) -> float:
@@ -85,16 +79,16 @@ class NoiseCheck:
         """
         self._repeat(stamp, value, sigma, moving)
         self._bend(stamp, value)
-        if self._still.count >= ENOUGH:
+        if self._still.enough:
             measured = self._still.sigma
             # Use the measured sigma instead of the reported one if it is larger by this factor. The
-            # quartile of 60 residuals has an error of about 25 %, and 10 % outliers increase it by
+            # median of 60 residuals has an error of about 15 %, and 10 % outliers increase it by
             # half.
             if measured > 3.0 * sigma:
                 self.found = self.found or (sigma, measured)
                 return measured
         # Without enough residuals (there are none at uneven intervals), use the reported sigma.
-        if self._wide.count < KEPT_WIDE or self._raw.count < ENOUGH:
+        if self._wide.count < KEPT_WIDE or not self._raw.enough:
             return sigma
         # The error of rounding is uniform over a step of the resolution. Without this term, the
         # measured sigma of coarsely rounded values may be 0.
@@ -153,7 +147,7 @@ class NoiseCheck:
             if before is not None:
                 self._resolve(abs(value - before))
             self._same = 0
-            self._noise = self._raw.sigma if self._raw.count >= ENOUGH else sigma
+            self._noise = self._raw.sigma if self._raw.enough else sigma
         if value != before or not moving:
             self._same_since = stamp
         self._same += 1

@@ -26,8 +26,6 @@ because slopes are tested ten times a second, for hours."""
 RETRY = 10.0
 """Time, s, for which a rejected rate must agree with the ranges before the rate is trusted again.
 The time doubles with each rejection."""
-LONGEST_RETRY = 160.0
-"""Upper bound of the doubled time of RETRY, s."""
 
 
 class RateCheck:
@@ -86,9 +84,10 @@ class RateCheck:
         if wrong is not None:
             self._agreed = 0.0
             if self.trusted:
-                self.trusted, self._retry = False, min(2 * self._retry, LONGEST_RETRY)
+                self.trusted = False
+                self._retry *= 2
                 self.why = wrong.words
-            self._opposite = wrong.opposite(0.75)
+            self._opposite = wrong.opposite
             self.reset()
         elif slopes and not self.trusted:
             # An opposite sign is not observable while the range hardly changes, as on the circle.
@@ -134,11 +133,11 @@ class _Slope(NamedTuple):
     @property
     def words(self) -> str:
         """Human-readable description."""
-        advice = ", opposite sign: see ranging.rate_sign" if self.opposite(0.25) else ""
+        advice = ", opposite sign: see ranging.rate_sign" if self.opposite else ""
         reported = f"the radio reports a range rate of {self.change + self.off:+.1f} m/s"
         return f"{reported}, but its ranges change by {self.change:+.1f} m/s{advice}"
 
-    def opposite(self, within: float) -> bool:
-        """True if the reported rate is the slope of the ranges with the opposite sign. within:
-        tolerance, as a share of the slope."""
-        return abs(self.change + self.off + self.change) < within * abs(self.change)
+    @property
+    def opposite(self) -> bool:
+        """True if the reported rate is about the slope of the ranges with the opposite sign."""
+        return abs(self.change + self.off + self.change) < 0.5 * abs(self.change)

@@ -2,21 +2,24 @@
 
 A residual is the difference of the middle of three values from the line through its neighbors.
 The residual is scaled so that white noise of standard deviation sigma gives residuals of standard
-deviation sigma. An outlier spoils three residuals. A quantile of many magnitudes tolerates some
-spoiled residuals: the lower quartile tolerates more than the median, but the median scatters less.
+deviation sigma. An outlier spoils three residuals. The median of many magnitudes tolerates some
+spoiled residuals.
 """
 
 from collections import deque
 from collections.abc import Sequence
-from math import ceil, nan, sqrt
-from statistics import NormalDist
+from math import nan, sqrt
+from statistics import median
 
-FAR = 5.0
-"""Magnitude of a residual above which the first pass discards it as an outlier, in standard
-deviations by the median of all residuals."""
-BULK = 3.5
-"""Magnitude of a residual above which the second pass discards it, in standard deviations by the
-median of the residuals that are left."""
+KEPT = 60
+"""Number of residuals that are stored."""
+ENOUGH = 20
+"""Fewest residuals from which the white noise is estimated."""
+MEDIAN = 0.6745
+"""Ratio of median magnitude to standard deviation of normal noise."""
+BULK = 4.0
+"""Magnitude of a residual above which it is discarded as an outlier, in standard deviations by the
+median of the residuals."""
 Moment = tuple[float, float]
 """Time and value."""
 
@@ -41,25 +44,15 @@ def residual(before: Moment, middle: Moment, after: Moment) -> float:
     return (middle[1] - line) / sqrt(1 + share**2 + (1 - share) ** 2)
 
 
-def quantile(values: Sequence[float], share: float) -> float:
-    """Return a quantile of the values, or NaN without values. A quantile between two values is
-    their mean."""
-    if not values:
-        return nan
-    rank = share * len(values)
-    ordered = sorted(values)
-    return (ordered[ceil(rank) - 1] + ordered[int(rank)]) / 2
-
-
 def bulk_sigma(residuals: Sequence[float]) -> float:
     """Return the standard deviation of residuals without outliers. For fifty values, the root mean
     square of the bulk scatters by 14 %, a result from its median by 20 %."""
-    sizes = [abs(one) for one in residuals]
-    bulk = sizes
-    for reach in (FAR, BULK):
-        # 1.4826: ratio of standard deviation to median magnitude of normal noise.
-        most = reach * 1.4826 * quantile(bulk, 0.5)
-        bulk = [size for size in sizes if size <= most]
+    bulk = [abs(one) for one in residuals]
+    # Outliers also increase the median. The second pass uses the median without the outliers of the
+    # first pass.
+    for _ in range(2):
+        most = BULK * median(bulk) / MEDIAN
+        bulk = [size for size in bulk if size <= most]
     return sqrt(sum(size**2 for size in bulk) / len(bulk))
 
 
@@ -67,12 +60,9 @@ class WhiteNoise:
     """Stores the newest residuals, and estimates the white noise. count: number of residuals so
     far."""
 
-    def __init__(self, kept: int, share: float) -> None:
-        """kept: number of residuals kept. share: quantile of their magnitudes, 0 to 1, that gives
-        sigma."""
+    def __init__(self, kept: int = KEPT) -> None:
+        """kept: number of residuals that are stored."""
         self._sizes: deque[float] = deque(maxlen=kept)
-        self._share = share
-        self._of_normal = NormalDist().inv_cdf((1 + share) / 2)
         self.count = 0
 
     def add(self, residual: float) -> None:
@@ -81,6 +71,11 @@ class WhiteNoise:
         self.count += 1
 
     @property
+    def enough(self) -> bool:
+        """True if there are enough residuals for an estimate."""
+        return self.count >= ENOUGH
+
+    @property
     def sigma(self) -> float:
         """Standard deviation of the white noise; NaN before the first residual."""
-        return quantile(self._sizes, self._share) / self._of_normal
+        return median(self._sizes) / MEDIAN if self._sizes else nan

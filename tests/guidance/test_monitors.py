@@ -7,6 +7,7 @@ import pytest
 
 from circnav_mav.guidance.monitors import (
     AirspeedAlarm,
+    ClosingMonitor,
     DriftMonitor,
     LapAlarm,
     watch_airspeed,
@@ -63,8 +64,16 @@ def test_drift_alarm_needs_trusted_drift_throughout_hold_time():
     assert not after([ALLOWED + 2] * 20, watch=watch, start=4.1).alarm.on
 
 
-@pytest.mark.parametrize("wind", [0.0, 5.0])
-@pytest.mark.parametrize(("before", "after", "is_raised"), [(0, 5, True), (4, 4, False)])
+@pytest.mark.parametrize(
+    ("wind", "before", "after", "is_raised"),
+    [
+        (0.0, 0.0, 1.4, False),
+        (0.0, 0.0, 2.6, True),
+        (0.0, 4.0, 4.0, False),
+        (5.0, 0.0, 5.0, True),
+        (5.0, 4.0, 4.0, False),
+    ],
+)
 def test_airspeed_alarm_needs_change_of_drift_along_nose(wind, before, after, is_raised):
     """The estimator interprets a measured airspeed that is too high as a drift against the nose,
     which turns with the vehicle."""
@@ -80,10 +89,36 @@ def test_airspeed_alarm_needs_change_of_drift_along_nose(wind, before, after, is
     assert alarm.on is is_raised
 
 
-def after_laps(radius, ranges, wind=0.0, laps=1.2, new_wind=None):
+@pytest.mark.parametrize(
+    ("radii", "closing", "drift", "seconds", "is_raised"),
+    [
+        (5.0, 0.0, 3.0, 20.0, False),
+        (5.0, 0.0, 3.0, 35.0, True),
+        (5.0, 0.035, 3.0, 35.0, True),
+        (5.0, 0.07, 3.0, 100.0, False),
+        (5.0, 0.0, 1.1 * V, 8.0, False),
+        (5.0, 0.0, 1.1 * V, 14.0, True),
+        (1.1, 0.0, 3.0, 100.0, False),
+        (1.8, 0.0, 3.0, 35.0, True),
+    ],
+)
+def test_closing_alarm_needs_vehicle_that_stays_away(radii, closing, drift, seconds, is_raised):
+    """The vehicle is outside its circle. radii: range over radius. closing: speed toward the
+    target, as a share of V. drift: estimated drift, m/s."""
+    watch = ClosingMonitor()
+    for at in range(round(10 * seconds)):
+        motion = known(drift_x=drift)
+        r = max(radii * R - 0.1 * at * closing * V, 1.3 * R if radii > 1.3 else 0.0)
+        estimate = RangeEstimate(0.1 * at, r, -closing * V, 0.5, 0.1, relative=motion)
+        watch.update(estimate, ORBIT)
+    assert watch.alarm.on is is_raised
+
+
+def after_laps(radius, ranges, wind=0.0, laps=1.2, new_wind=None, gap=0.0):
     """Return the alarm after laps on a circle of a true radius (m), with estimates at 10 Hz. The
     ranges (m) have another length, and the estimated airspeed scale has adapted to them. The wind
-    blows to the north. After 0.9 laps it may have a new strength (m/s)."""
+    blows to the north. After 0.9 laps it may have a new strength (m/s). gap: time without
+    estimates after 20 s, s."""
     alarm = LapAlarm()
     angle = 0.0
     for at in range(100_000):
@@ -95,7 +130,9 @@ def after_laps(radius, ranges, wind=0.0, laps=1.2, new_wind=None):
             break
         heading = angle + pi / 2 + asin(wind * sin(angle) / V)
         motion = known(heading=heading, airspeed=0.9 * V, scale=0.9, drift_y=wind)
-        alarm = watch_lap(alarm, RangeEstimate(0.1 * at, ranges, 0, 0.5, 0.1, relative=motion), 0.1)
+        if not 20.0 < 0.1 * at < 20.0 + gap:
+            estimate = RangeEstimate(0.1 * at, ranges, 0, 0.5, 0.1, relative=motion)
+            alarm = watch_lap(alarm, estimate, 0.1)
         angle += 0.1 * ground / radius
     return alarm
 
@@ -106,6 +143,11 @@ def test_lap_alarm_finds_true_radius_by_turn_rate(radius, ranges, wind):
     alarm = after_laps(radius, ranges, wind)
     assert alarm.on == (radius != ranges)
     assert alarm.by_turns == pytest.approx(radius, rel=0.02) and alarm.by_ranges == ranges
+
+
+@pytest.mark.parametrize(("gap", "is_raised"), [(4.0, True), (7.0, False)])
+def test_lap_alarm_restarts_lap_after_long_gap(gap, is_raised):
+    assert after_laps(192.0, 150.0, gap=gap).on is is_raised
 
 
 def test_lap_alarm_stays_silent_when_wind_rises():

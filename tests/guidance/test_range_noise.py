@@ -56,6 +56,7 @@ def test_noise_check_raises_too_small_sigma_within_seconds(reported, sigma):
         sigmas = corrected_sigmas(ranges(reported, sigma, seed=seed), check)
         assert check.found == pytest.approx((reported, sigma), rel=0.6)
         assert sigmas[:20] == [reported] * 20
+        assert sigmas[30] > 2 * reported
         assert sigmas[60:] == pytest.approx([sigma] * len(sigmas[60:]), rel=0.8)
         assert np.median(sigmas[60:]) == pytest.approx(sigma, rel=0.35)
 
@@ -87,7 +88,12 @@ def test_noise_check_lowers_too_large_sigma_with_margin(sigma, drifting, least, 
     for seed in range(3):
         sigmas = corrected_sigmas(circling(0.5, sigma, drifting=drifting, seed=seed))
         assert sigmas[:200] == [0.5] * 200
+        assert sigmas[250] < most
         assert least < np.median(sigmas[300:]) < most
+
+
+def test_noise_check_lowers_too_large_sigma_during_turns():
+    assert corrected_sigmas(ranges(1.0, 0.05, seconds=60.0))[-1] < 0.5
 
 
 def test_noise_check_does_not_lower_sigma_of_slow_error():

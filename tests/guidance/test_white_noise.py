@@ -1,20 +1,9 @@
-"""The estimator of white noise, against noise of a given standard deviation, and its quantiles
-against numpy."""
+"""The estimator of white noise, against noise of a given standard deviation."""
 
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.white_noise import WhiteNoise, bulk_sigma, quantile, residual
-
-
-@pytest.mark.parametrize("count", [1, 3, 4, 7, 40, 41])
-def test_quantile_of_one_half_is_median(count):
-    values = np.random.default_rng(count).normal(size=count)
-    assert quantile(values.tolist(), 0.5) == np.median(values)
-
-
-def test_quantile_of_no_values_is_nan():
-    assert np.isnan(quantile([], 0.5))
+from circnav_mav.guidance.white_noise import WhiteNoise, bulk_sigma, is_even, residual
 
 
 def test_noise_residual_contains_only_noise():
@@ -31,9 +20,8 @@ def test_noise_residual_contains_only_noise():
 
 
 @pytest.mark.parametrize("sigma", [0.1, 2.0])
-@pytest.mark.parametrize("share", [0.25, 0.5])
-def test_white_noise_estimate_tolerates_outlier_in_thirty(share, sigma):
-    noise = WhiteNoise(400, share)
+def test_white_noise_estimate_tolerates_outlier_in_thirty(sigma):
+    noise = WhiteNoise(400)
     z = np.random.default_rng(3).normal(0, sigma, 400)
     z[::30] += 50
     residuals = [residual(*((j, float(z[j])) for j in (i - 2, i - 1, i))) for i in range(2, 400)]
@@ -41,3 +29,8 @@ def test_white_noise_estimate_tolerates_outlier_in_thirty(share, sigma):
         noise.add(one)
     assert noise.sigma == pytest.approx(sigma, rel=0.3)
     assert bulk_sigma(residuals) == pytest.approx(sigma, rel=0.1)
+
+
+@pytest.mark.parametrize(("step", "even"), [(0.1, True), (0.115, True), (0.125, False)])
+def test_white_noise_uses_even_steps_despite_jitter(step, even):
+    assert is_even((0.0, 0.0), (0.1, 0.0), (0.1 + step, 0.0)) is even

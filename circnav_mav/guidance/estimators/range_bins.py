@@ -1,6 +1,8 @@
 """Window of the last seconds of ranges, averaged in short bins, and their white noise."""
 
 from collections import deque
+from math import nan
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -8,14 +10,10 @@ from numpy.typing import NDArray
 
 from circnav_mav.guidance.estimators.relative_ekf import BIAS_TIME
 from circnav_mav.guidance.maths import Vector
-from circnav_mav.guidance.white_noise import WhiteNoise, is_even, quantile, residual
+from circnav_mav.guidance.white_noise import WhiteNoise, is_even, residual
 
 WIDTH = 0.25
 """Width of a bin, s. Within a bin the range deviates from a straight line by centimeters only."""
-ROUGH = 40
-"""Number of stored residuals, from which the white part of the noise is measured."""
-ROUGH_ENOUGH = 16
-"""Fewest residuals from which the white part of the noise is measured."""
 
 
 class Sample(NamedTuple):
@@ -52,14 +50,13 @@ class RangeWindow:
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
-        # 8: largest number of samples in a bin. More samples would hardly improve the average.
-        self._open: deque[Sample] = deque(maxlen=8)
+        self._open: list[Sample] = []
         self._opened = 0.0
         # 64: number of stored bins. They cover 16 s, longer than a turn that distinguishes all
         # directions.
         self._bins: deque[tuple[Sample, int] | None] = deque(maxlen=64)
         """Mean and number of the samples of each bin. None: empty bin."""
-        self._noise = WhiteNoise(ROUGH, 0.5)
+        self._noise = WhiteNoise()
         self._newest: deque[tuple[float, float]] = deque(maxlen=3)
         """Times and ranges of the newest samples, oldest first."""
         self.now = 0.0
@@ -83,7 +80,7 @@ class RangeWindow:
     def white(self, sigma: float) -> float:
         """Return the standard deviation of the white part of the noise, m. It is at most sigma, and
         equals sigma while there are too few residuals."""
-        if self._noise.count < ROUGH_ENOUGH:
+        if not self._noise.enough:
             return sigma
         return min(self._noise.sigma, sigma)
 
@@ -101,11 +98,11 @@ class RangeWindow:
         # 0.01: process noise of the drift, m^2/s^3.
         variance = white**2 / count + drifting * common + 0.01 * age**3 / 3
         path = np.array((self.path[0] - x, self.path[1] - y))
-        return Bins(age, path, z, np.maximum(variance, 1e-4))
+        return Bins(age, path, z, variance)
 
     def _close(self, sigma: float) -> None:
         """Close the open bin: average the samples that are near their median."""
-        middle = quantile([sample.z for sample in self._open], 0.5)
+        middle = median(sample.z for sample in self._open) if self._open else nan
         near = self._speed * WIDTH + 4 * sigma
         good = [sample for sample in self._open if abs(sample.z - middle) <= near]
         if good:
