@@ -24,7 +24,7 @@ from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.height import Height
 from circnav_mav.timers import Since
 
-FRESH = 0.6
+FRESH = 0.5
 """Age of the newest range below which steering resumes at once after stale ranges, as a share of
 `stale`."""
 JUMPED_FOR = 1.0
@@ -58,9 +58,9 @@ class RangeTracker:
         # between are merged, because each added range causes a setpoint and takes 1 to 2 ms of
         # processor time.
         self._thinning = Thinning(0.75 * settings.file.limits.tick)
-        # 64: number of newest ranges that are stored, as many as one datagram of a slow link may
-        # contain.
-        self.recent: deque[RangeSample] = deque(maxlen=64)
+        # 100: number of newest ranges that are stored, more than one datagram of a slow link
+        # contains.
+        self.recent: deque[RangeSample] = deque(maxlen=100)
         """Newest ranges that the estimator accepted."""
         self.newest_rate: RateSample | None = None
         self.fresh = False

@@ -11,8 +11,8 @@ class TickScheduler:
     def __init__(self, tick: float) -> None:
         """tick: period of the steps, s."""
         self._tick = tick
-        # 9: number of newest gaps between ranges. Their median predicts the next range.
-        self._gaps: deque[float] = deque(maxlen=9)
+        # 10: number of newest gaps between ranges. Their median predicts the next range.
+        self._gaps: deque[float] = deque(maxlen=10)
         self._received_at: float | None = None
         self.due = float("-inf")
 

@@ -48,6 +48,13 @@ def test_flown_path_is_unknown_outside_reported_times(t):
     assert FlownPath().at(t) is None
 
 
+@pytest.mark.parametrize(("every", "longest"), [(0.2, EXTRAPOLATED), (0.8, 1.28), (1.2, 1.6)])
+def test_flown_path_is_extrapolated_longer_if_reports_are_rare(every, longest):
+    path = path_of(0.0, every)
+    assert path.at(every + longest - 0.01) is not None
+    assert path.at(every + longest + 0.01) is None
+
+
 def test_flown_path_interpolates_turn_rate_and_averages_airspeed():
     path = FlownPath()
     path.move(OwnMotion(0.0, 0.0, 0.0, 10.0))

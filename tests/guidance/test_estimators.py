@@ -54,7 +54,9 @@ def test_estimator_measured_passes_range_and_rate_unfiltered():
     guidance.update_range(RangeSample(1.1, 1.1, 148.0, 0.5, r_dot=-9.0))
     assert (guidance.estimate(1.15).r, guidance.estimate(1.15).r_dot) == (148.0, -9.0)
     assert guidance.command(1.15) is not None
-    guidance.update_range(RangeSample(1.2, 1.2, 147.0, 0.5))
+    for time in (1.2, 1.3):
+        guidance.update_range(RangeSample(time, time, 147.0, 0.5))
+        assert guidance.command(time) is not None
     assert guidance.estimate(1.2).r_dot == -9.0
     for i in range(1, 4):
         guidance.update_range(RangeSample(1.2 + i / 10, 1.2 + i / 10, 147.0, 0.5))

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import all as mavlink
 
 from circnav_mav.pilot import Ending, Outcome, OutputMode, Phase
 from circnav_mav.pilot.status_text import waits_for
-from tests.rig import Rig, vfr_hud
+from tests.rig import MISSION, Rig, attitude, heartbeat, vfr_hud
 
 GUIDED = 4
 LOITER = 5
@@ -71,6 +71,25 @@ def test_no_command_until_every_engagement_condition_is_met(
     assert commanded(rig.run(25.0 if seconds == 25.0 else 5.0, **then))
 
 
+class Plane(Rig):
+    """A pilot that flies a plane."""
+
+    def __init__(self) -> None:
+        super().__init__(text=MISSION.replace('"copter"', '"plane"'))
+
+    def heartbeat(self) -> None:
+        self.receive(heartbeat(15, armed=self.armed, kind=1))
+        self.receive(mavlink.MAVLink_extended_sys_state_message(0, self.landed_state))
+        self.receive(attitude(round(1000 * self.now)))
+
+
+@pytest.mark.parametrize(("airspeed", "phase"), [(9.0, Phase.READY), (12.0, Phase.ENGAGED)])
+def test_plane_below_seven_tenths_of_its_speed_is_not_engaged(airspeed, phase):
+    rig = Plane()
+    rig.run(5.0, lambda: rig.receive(vfr_hud(100.0, airspeed)))
+    assert rig.pilot.mission.phase is phase
+
+
 def test_vehicle_without_landed_state_resumes_after_lost_link(rig):
     assert rig.engage().run(5.0, speaks=False).pilot.mission.phase is Phase.WAIT_LINK
     assert rig.run(1.0, speaks=True, landed_state=None).pilot.mission.phase is Phase.ENGAGED
@@ -108,6 +127,17 @@ def test_no_setpoint_after_stall_until_new_heartbeat(rig):
     assert rig.run(0.5, speaks=False).setpoints(before) == []
     rig.heartbeat()
     assert rig.run(0.1).setpoints(before)
+
+
+@pytest.mark.parametrize(("seconds", "stalled"), [(0.15, 1), (0.3, 0)])
+def test_range_shortly_after_stall_is_rejected(seconds, stalled):
+    """Reading the buffers takes some steps."""
+    rig = Rig().engage()
+    rig.pass_time(1.0)
+    rig.step()
+    rig.run(seconds, ranges=False)
+    rig.range()
+    assert rig.pilot.tracker.ranging.rejected["stalled"] == stalled
 
 
 def test_loop_gap_below_half_second_is_no_stall(rig):

@@ -63,6 +63,14 @@ def test_echo_monitor_detects_other_sender_within_5_s(other, every):
     assert found <= 2.0 + WITHIN
 
 
+def test_echo_monitor_detects_other_sender_by_reports_of_1_hz():
+    assert watched(lambda now: 0.17, lambda now: 0.5, rate=1) is not None
+
+
+def test_echo_monitor_tolerates_small_difference_from_straight_flight():
+    assert watched(lambda now: 0.0, lambda now: 0.025) is None
+
+
 def test_echo_monitor_ignores_single_reports():
     assert watched(lambda now: 0.17, lambda now: 0.5 if now % 2.0 < 0.1 else 0.17) is None
 

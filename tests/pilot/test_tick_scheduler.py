@@ -54,6 +54,17 @@ def test_scheduler_steps_at_every_range_of_fast_radio() -> None:
     assert len(steps) == pytest.approx(received, abs=3)
 
 
+@pytest.mark.parametrize(("late", "due"), [(0.2, 1.45), (0.3, 1.0), (0.4, 1.0)])
+def test_scheduler_waits_for_range_expected_within_quarter_tick(late: float, due: float) -> None:
+    """late: time from the next tick to the expected range. due: time of the next step. Both in
+    ticks."""
+    ticks = TickScheduler(TICK)
+    for n in range(3):
+        ticks.received((n - 2) * (1 + late) * TICK)
+    ticks.stepped(0.0)
+    assert ticks.due == pytest.approx(due * TICK)
+
+
 def test_scheduler_waits_only_once_for_missing_range() -> None:
     apart = gaps(stepped(9.98, lost=0.4)[0])
     assert max(apart) <= 1.5 * TICK + 1e-9

@@ -88,7 +88,7 @@ class FlownPath:
     def __init__(self) -> None:
         # Number of points: more than 1 s at the highest rate of the reports. Ranges arrive with
         # less delay.
-        self._points: deque[PathPoint] = deque(maxlen=64)
+        self._points: deque[PathPoint] = deque(maxlen=100)
         self._longest = EXTRAPOLATED
 
     def move(self, motion: OwnMotion) -> None:
