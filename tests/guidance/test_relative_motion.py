@@ -159,6 +159,16 @@ def test_filter_remembers_drift_after_gap(trouble):
     assert (relative.drift_x, relative.drift_y) == pytest.approx(WIND, abs=0.5)
 
 
+@pytest.mark.parametrize("wind", [WIND, (6.0, 4.0)])
+def test_filter_finds_target_within_5_s_after_gap(wind):
+    world = Circling(wind=wind)
+    estimator = DriftEstimator(SETTINGS)
+    observe(estimator, world, 0.0, 40.0)
+    observe(estimator, world, 45.0, 50.0)
+    assert estimator.ready
+    assert error(estimator, world, 49.95) < 0.1 * hypot(*world.offset(49.95))
+
+
 @pytest.mark.parametrize("change", [(5.0, 0.0), (-5.0, 2.0)])
 def test_filter_forgets_drift_of_wind_changed_before_gap(change):
     world, estimator = converged(seconds=60.0)

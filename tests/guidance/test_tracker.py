@@ -177,6 +177,7 @@ def test_trust_in_relative_motion_has_hysteresis(tracking):
         flown.observe(4 * STEP, 0.5, valid=False)
         worst = max(worst, flown.filter.estimate.spread)
         assert flown.filter.trusted == (worst < 0.5)
+    assert flown.filter.tracker is not None
     between = False
     for _ in range(200):
         flown.observe(STEP, 0.5)
@@ -186,6 +187,15 @@ def test_trust_in_relative_motion_has_hysteresis(tracking):
         if flown.filter.trusted:
             break
     assert between and flown.filter.trusted
+
+
+def test_search_begins_again_when_position_is_uncertain(tracking):
+    flown = deepcopy(tracking)
+    spread = 0.0
+    while flown.filter.tracker is not None:
+        spread = flown.filter.estimate.spread
+        flown.observe(4 * STEP, 0.5, valid=False)
+    assert 0.55 < spread < 0.65
 
 
 def test_tracker_keeps_airspeed_scale_when_wind_turns():

@@ -15,7 +15,7 @@ from circnav_mav.guidance.estimators.interface import (
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, drift
 from circnav_mav.guidance.estimators.relative_filter import RelativeFilter
-from circnav_mav.guidance.estimators.tracker import TRUSTED, Rate
+from circnav_mav.guidance.estimators.tracker import KEPT, TRUSTED, Rate
 from circnav_mav.guidance.maths import Vector
 from circnav_mav.guidance.types import (
     OwnMotion,
@@ -28,8 +28,9 @@ from circnav_mav.guidance.types import (
 MEMORY = 10.0
 """Least age, s, of the stored drift estimate from which the search restarts after a gap without
 ranges. A newer estimate may already be affected by the cause of the gap."""
-REMEMBERED = 0.03
-"""Standard deviation of the stored drift, as a share of V."""
+REMEMBERED = 0.01
+"""Scale of the prior distribution of the stored drift, as a share of V. With 0.03, the search after
+a gap takes three times as long."""
 FORGOTTEN = 1e-3
 """Growth rate of the variance of the stored drift with its age, m^2/s^3."""
 
@@ -92,10 +93,7 @@ class DriftEstimator(Estimator):
             # commands.
             self._astray = True
             return Fused.ACCEPTED
-        # 20.0: longest gap between ranges, s. After a longer gap the filters restart.
-        if before is not None and (
-            point.piece != before.piece or sample.time - before.motion.time > 20.0
-        ):
+        if before is not None and point.piece != before.piece:
             self._restart(sample.time)
             before = None
         if before is not None and (
@@ -154,10 +152,9 @@ class DriftEstimator(Estimator):
         dt, chord = _step(then, point)
         change = point.velocity_change_since(then)
         at = predict_mixture(estimate, dt, chord, own.heading, own.airspeed, change)
-        # Without ranges, the uncertainty of the prediction grows.
-        # 1.1: largest uncertainty of a prediction that may steer, relative to the uncertainty of
-        # the estimate at the newest range.
-        bound = max(TRUSTED, 1.1 * estimate.spread)
+        # Without ranges, the uncertainty of the prediction grows. It may steer up to the same bounds
+        # as the estimate at the newest range.
+        bound = TRUSTED if estimate.spread < TRUSTED else KEPT
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(
             x=at.x,

@@ -35,7 +35,7 @@ stops steering."""
 LOST = 0.6
 """Standard deviation of the position, as a share of the range, above which the estimate is
 discarded and the filter searches again."""
-MISSED = 0.6
+MISSED = 0.5
 """Share of recent samples outside the gate above which the filter searches again."""
 RECENT = 3.0
 """Time constant of the share of recent samples outside the gate, s."""
@@ -188,7 +188,7 @@ class Tracker:
             heaviest = h.log_weight.argmax()
             self.nis = float(nis[heaviest])
             self.refused = not accepted[heaviest]
-            self.missed += (self.refused - self.missed) * min(since / RECENT, 0.2)
+            self.missed += (self.refused - self.missed) * since / (RECENT + since)
         if rate is not None:
             h, _, _ = ekf.update(h, noise, ekf.rate_measurement(h, *rate), gate)
         mean, covariance = ekf.mixture(h)
