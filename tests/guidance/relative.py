@@ -48,7 +48,7 @@ def noise(psd, gust, white, drifting, nose=0.0, acceleration_weight=0.0):
     """Return the noise that one hypothesis assumes."""
     values = (psd, gust, white, drifting, nose, acceleration_weight)
     arrays = (np.array([value]) for value in values)
-    return Noise(*arrays, SETTINGS.scale_bounds, SETTINGS.acceleration_bias)
+    return Noise(*arrays, SETTINGS.scale_bounds)
 
 
 @dataclass

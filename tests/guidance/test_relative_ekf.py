@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 from circnav_mav.guidance.estimators.acquisition import Estimate
 from circnav_mav.guidance.estimators.dead_reckoning import predict_mixture
 from circnav_mav.guidance.estimators.relative_ekf import (
-    ACCELERATION_BIAS_TIME,
     ACCELERATION_PSD,
     BIAS_TIME,
     GUST_TIME,
     KAPPA,
     KAPPA_PSD,
-    POSITION_PSD,
     STATES,
     THETA,
     Hypotheses,
@@ -90,12 +88,11 @@ def process_noise(x):
     steady = PSD * DT
     gusty = (1 - np.exp(-2 * DT / GUST_TIME)) * GUST**2
     Q = np.zeros((STATES, STATES))
-    Q[:2, :2] = np.eye(2) * ((steady + gusty) * DT**2 / 3 + POSITION_PSD * DT)
+    Q[:2, :2] = np.eye(2) * (steady + gusty) * DT**2 / 3
     for first, q in ((2, steady), (6, gusty)):
         at = slice(first, first + 2)
         Q[at, at] = np.eye(2) * q
         Q[:2, at] = Q[at, :2] = np.eye(2) * q * DT / 2
-    Q[8, 8] = Q[9, 9] = NOISE.acceleration_bias**2 / ACCELERATION_BIAS_TIME * DT
     Q[4, 4], Q[5, 5] = KAPPA_PSD * DT, (1 - np.exp(-2 * DT / BIAS_TIME)) * (DRIFTING * SIGMA) ** 2
     c = np.cos(x[1])
     s = np.sin(x[1])

@@ -26,13 +26,12 @@ from circnav_mav.guidance.maths import Vector
 Array = NDArray[np.float64]
 UNKNOWNS = 5
 """Number of unknowns of a hypothesis: position (2), drift (2) and airspeed scale."""
-CANDIDATES = 32
+CANDIDATES = 16
 """Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the
 first range."""
 MOST_DAMPING = 1e6
-"""Upper bound of the Levenberg-Marquardt damping: the step is almost 0."""
-LEAST_DAMPING = 1e-4
-"""Lower bound of the Levenberg-Marquardt damping: the step is almost a Gauss-Newton step."""
+"""Upper bound of the Levenberg-Marquardt damping: the step is almost 0. With the inverse of this
+damping, the step is almost a Gauss-Newton step."""
 ROBUST = 4.0
 """Scale of the robust (Cauchy) weight, in standard deviations of a residual. A residual of this
 size has half the weight of a small residual."""
@@ -206,8 +205,7 @@ class Acquisition:
         g = self._candidates
         cost = float(g.cost[best])
         filled = bins.z.size
-        # 8: fewest filled bins before a solution is accepted.
-        if filled < 8:
+        if filled < 2 * UNKNOWNS:
             return None
         # If the ranges are noisier than assumed, `scale` (the reduced chi-square) increases the
         # covariance and the required advantage over other positions.
@@ -215,9 +213,9 @@ class Acquisition:
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale
         r = hypot(x[0], x[1])
-        # 0.12: largest standard deviation of the position of an accepted solution, as a share of
+        # 0.1: largest standard deviation of the position of an accepted solution, as a share of
         # the range.
-        precise = sqrt(P[0, 0] + P[1, 1]) < 0.12 * r
+        precise = sqrt(P[0, 0] + P[1, 1]) < 0.1 * r
         plausible = hypot(x[2], x[3]) < DRIFT_MOST * self._settings.speed
         elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
         # 5.0: least advantage in log likelihood of an accepted solution over every other position.
@@ -266,9 +264,11 @@ def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
     x = g.x + np.linalg.solve(damped, b[..., None])[..., 0]
     improved_cost = _penalty(_residual(x, bins)[0]) + prior.cost(x)
     improves = improved_cost < cost
-    damping = np.clip(g.damping * np.where(improves, 0.2, 5.0), LEAST_DAMPING, MOST_DAMPING)
+    damping = g.damping * np.where(improves, 0.1, 10.0)
     return Candidates(
-        np.where(improves[:, None], x, g.x), np.where(improves, improved_cost, cost), damping
+        np.where(improves[:, None], x, g.x),
+        np.where(improves, improved_cost, cost),
+        np.clip(damping, 1 / MOST_DAMPING, MOST_DAMPING),
     )
 
 

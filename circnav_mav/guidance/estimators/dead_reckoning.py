@@ -225,7 +225,7 @@ def predict_mixture(
         (rows @ estimate.covariance * rows).sum(axis=1).tolist()
     )
     grown = estimate.drift_psd * dt + (1 - calm**2) * estimate.gust**2
-    wander = grown * (dt**2 / 3) + ekf.POSITION_PSD * dt
+    wander = grown * (dt**2 / 3)
     turned = wander / r**2
     added = across**2 * turned + grown + ekf.KAPPA_PSD * dt * ahead**2
     return Prediction(

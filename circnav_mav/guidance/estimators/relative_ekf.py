@@ -67,17 +67,13 @@ GUST_TIME = 10.0
 by the speed of a small UAV."""
 CLOSEST = 1.0
 """Lower bound of the range in the state, m. At the target the direction is singular."""
-POSITION_PSD = 1e-4
-"""Process noise of the position, m^2/s, for effects that are not modeled."""
-KAPPA_PSD = 1e-7
-"""Process noise of kappa, 1/s, for effects that are not modeled."""
+KAPPA_PSD = 1e-6
+"""Process noise of kappa, 1/s: the error of an airspeed sensor changes by some percent in ten
+minutes."""
 ACCELERATION_PSD = 1e-2
 """White noise of the measured acceleration, m^2/s^3, from vibration and delayed attitudes. The mean
 over 0.1 s has a noise of 0.3 m/s^2."""
-ACCELERATION_BIAS_TIME = 4000.0
-"""Time, s, in which the error of the measured acceleration changes by its own standard
-deviation."""
-OUTLIER_SHARE = 0.05
+OUTLIER_SHARE = 0.1
 """Probability that a range or range rate is an outlier."""
 OUTLIER_SPREAD = 100.0
 """Width of the interval over which outliers of the range are uniformly distributed, m."""
@@ -95,7 +91,6 @@ class Noise:
     acceleration_weight: 1 if the model uses the measured acceleration, else 0.
     scale_bounds: bounds of the airspeed scale kappa. Without bounds a filter can converge to a
         wrong solution.
-    acceleration_bias: standard deviation of the errors f and l of the measured acceleration, m/s^2.
     """
 
     drift_psd: Array
@@ -105,19 +100,17 @@ class Noise:
     nose: Array
     acceleration_weight: Array
     scale_bounds: tuple[float, float]
-    acceleration_bias: float
 
     @cached_property
     def growth(self) -> Array:
         """Variances of the process noise before their factors of `transition`, (M, 12)."""
         none = np.zeros_like(self.gust)
-        bias = none + self.acceleration_bias**2 / ACCELERATION_BIAS_TIME
         gust = self.gust**2
         nose = self.nose**2
         error = self.drifting**2
         scale = none + KAPPA_PSD
         psd = self.drift_psd
-        rows = (none, none, psd, psd, scale, error, gust, gust, bias, bias, nose, nose)
+        rows = (none, none, psd, psd, scale, error, gust, gust, none, none, nose, nose)
         return np.stack(rows, axis=-1)
 
 
@@ -206,10 +199,10 @@ def transition(
     error = (1 - keep[B] ** 2) * sigma**2
     gust = 1 - keep[GX] ** 2
     nose = 1.0 if accelerations and dt > 0 else 0.0
-    factors = np.array((0, 0, dt, dt, dt, error, gust, gust, dt, dt, nose, nose))
+    factors = np.array((0, 0, dt, dt, dt, error, gust, gust, 0, 0, nose, nose))
     added = noise.growth * factors
     moved = J * (added * MOVED)[:, None]
-    added[:, R] = added @ SPREADS * dt**2 + POSITION_PSD * dt
+    added[:, R] = added @ SPREADS * dt**2
     added[:, THETA] = added[:, R] / r**2
     return Transition(x, J, keep, added, moved, dt)
 
@@ -225,9 +218,7 @@ def predict(h: Hypotheses, step: Transition) -> Hypotheses:
     P[:, :2] = rows
     P[:, :, :2] = rows.swapaxes(1, 2)
     P.reshape(-1, STATES * STATES)[:, :: STATES + 1] += step.added
-    # 20.0: time, s, in which the log weight of a hypothesis decays to 1/e: older evidence has less
-    # weight.
-    return Hypotheses(step.x, P, h.log_weight * exp(-step.dt / 20.0))
+    return h._replace(x=step.x, P=P)
 
 
 def decay(dt: float) -> Array:

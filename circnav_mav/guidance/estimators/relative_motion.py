@@ -152,8 +152,8 @@ class DriftEstimator(Estimator):
         dt, chord = _step(then, point)
         change = point.velocity_change_since(then)
         at = predict_mixture(estimate, dt, chord, own.heading, own.airspeed, change)
-        # Without ranges, the uncertainty of the prediction grows. The prediction may steer up to the
-        # bounds of the estimate at the newest range.
+        # Without ranges, the uncertainty of the prediction grows. The bounds of the estimate at the
+        # newest range apply to it.
         bound = TRUSTED if estimate.spread < TRUSTED else KEPT
         steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
         relative = RelativeMotion(

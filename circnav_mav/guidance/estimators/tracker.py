@@ -40,22 +40,20 @@ MISSED = 0.5
 RECENT = 3.0
 """Time constant of the share of recent samples outside the gate, s."""
 MODELS = (
-    (1e-7, 0, 0, 0, 1, 0),  # steady drift
-    (1e-7, 0, 0, 0, 0.4, 0.9),
-    (3e-4, 0, 0, 0, 1, 0),  # changes slowly
-    (3e-4, 0, 0, 0, 0.4, 0.9),
-    (5e-2, 0, 0, 0, 1, 0),  # changes quickly
+    (0, 0, 0, 0, 0.5, 1),  # steady drift
+    (1e-3, 0, 0, 0, 1, 0),  # changes slowly
+    (1e-3, 0, 0, 0, 0.5, 1),
+    (1e-1, 0, 0, 0, 1, 0),  # changes quickly
     (1e-2, 0.1, 0, 0, 1, 0),  # gusts
-    (1e-7, 0.08, 0, 0, 1, 0),  # gusts in a steady wind
-    (1e-7, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
-    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
+    (0, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
+    (1e-3, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
 )
 """Noise models. Columns: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
 acceleration_weight, white, drifting, as in `Noise`. Only models with a steady or slowly changing
 drift have a drifting range error: with other drifts it cannot be observed."""
-FORGOTTEN = -12.0
+FORGOTTEN = -10.0
 """Log weight below which a model restarts from the mixture. The heaviest model has 0."""
-REVIVED = -6.0
+REVIVED = FORGOTTEN / 2
 """Log weight of a model after its restart."""
 AS_STEADY = np.eye(STATES)
 AS_STEADY[[ekf.DX, ekf.DY], [ekf.GX, ekf.GY]] = 1.0
@@ -96,8 +94,7 @@ class Tracker:
         models[:, 1:3] *= settings.speed
         psd, gust, nose, acceleration_weight, white, drifting = models.T
         bounds = settings.scale_bounds
-        bias = settings.acceleration_bias
-        self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight, bounds, bias)
+        self.noise = Noise(psd, gust, white, drifting, nose, acceleration_weight, bounds)
         self._averaged = np.array((psd, gust, acceleration_weight))
         self._uses_accelerations = acceleration_weight > 0
         x = np.repeat(mean[None], len(MODELS), axis=0)
