@@ -11,7 +11,7 @@ import tomlkit
 
 from circnav_mav.cli.exits import Exit, Refused, refusing, say
 from circnav_mav.cli.progress import progress
-from circnav_mav.extras.locate.command import mission_of, name_of, output, prior, read
+from circnav_mav.extras.locate.command import mission_of, name_of, output, read, target_height
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
     UNCALIBRATED,
@@ -102,17 +102,14 @@ def calibrate_radio(
         # 0.1: standard deviation of the mission's height, m. It is small because the flight
         # corrects its ranges with the same height. An error of the height changes the calibration,
         # but the flown circle still has the true radius.
-        known = prior(
-            track.up,
-            altitude,
-            flown,
-            0.1,
+        known = Knowledge(
+            *target_height(track.up, altitude, flown, 0.1),
             gps_sigma=gps_sigma,
             bias_sigma=BIAS,
             scale_sigma=UNCALIBRATED,
             delay_sigma=CLOCKS,
+            sigma_known=sigma_known,
         )
-        known = replace(known, sigma_known=sigma_known)
         found = measure(plane, track, ranges, known)
         if isinstance(found, NotLocated):
             raise Refused(

@@ -69,11 +69,8 @@ def locate_log(
         for name, (log, tag) in jobs.items():
             # 0.5: standard deviation of the offset between the clocks of positions and ranges, s:
             # these clocks are not synchronized.
-            known = prior(
-                log.track(log.plane()).up,
-                altitude,
-                flown,
-                1.0,
+            known = Knowledge(
+                *target_height(log.track(log.plane()).up, altitude, flown, 1.0),
                 gps_sigma=gps_sigma,
                 bias_sigma=bias,
                 delay_sigma=0.5,
@@ -128,15 +125,14 @@ def name_of(given: str | None, mission: Mission | None) -> str:
     return given or (ReadOptions().range_name if mission is None else mission.file.ranging.name)
 
 
-def prior(
-    heights: Array, altitude: float | None, mission: Mission | None, up_sigma: float, **radio: float
-) -> Knowledge:
-    """Return the prior knowledge of a target. Its altitude is the given one, else that of the
-    mission, else assumed below the track.
+def target_height(
+    heights: Array, altitude: float | None, mission: Mission | None, sigma: float
+) -> tuple[float, float]:
+    """Return the altitude of the target and its standard deviation, m: the given altitude, else
+    that of the mission, else the lowest altitude of the vehicle.
 
     heights: altitudes of the vehicle, m.
-    up_sigma: standard deviation of a given altitude and of that of the mission, m.
-    radio: other standard deviations.
+    sigma: standard deviation of a given altitude and of that of the mission, m.
     """
     if altitude is None and mission is not None:
         orbit = mission.file.orbit
@@ -144,8 +140,8 @@ def prior(
         if altitude is None and orbit.height_above_target_m is not None:
             altitude = float(np.median(heights)) - orbit.height_above_target_m
     if altitude is None:
-        return Knowledge(float(heights.min()), HEIGHT_UNKNOWN, **radio)
-    return Knowledge(altitude, up_sigma, **radio)
+        return float(heights.min()), HEIGHT_UNKNOWN
+    return altitude, sigma
 
 
 def output(out: str | None, source: Path, kind: str) -> Path:
