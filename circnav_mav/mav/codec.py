@@ -5,7 +5,7 @@ CURRENT_MODE.
 """
 
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -122,10 +122,19 @@ class Decoder:
         """Return the messages of one datagram or chunk. Damage and unknown ids are counted, never
         raised."""
         self.counts.bytes += len(received)
-        buffer = self._tail + received if self._tail else received
         self.frames = []
         self.behind = False
         messages = []
+        for frame, data in self._valid_frames(self._tail + received):
+            self._count(frame, data)
+            is_wanted = self._is_authentic(frame, data) and frame.ident in self._wanted
+            if is_wanted and (message := self._read(data)) is not None:
+                messages.append(message)
+        return messages
+
+    def _valid_frames(self, buffer: bytes) -> Iterator[tuple[Frame, bytes]]:
+        """Yield the frames with a valid CRC and their bytes. Count damage, and keep the incomplete
+        frame at the end of a stream."""
         at = 0
         failures = 0
         while at < len(buffer) and failures < _MOST_FAILURES:
@@ -138,17 +147,12 @@ class Decoder:
                 continue
             data = buffer[at : frame.end]
             at = frame.end
-            if not frame.understood:
+            if frame.understood:
+                yield frame, data
+            else:
                 self.counts.bad += 1
-                continue
-            self._count(frame, data)
-            if not self._is_authentic(frame, data):
-                continue
-            if frame.ident in self._wanted and (message := self._read(data)) is not None:
-                messages.append(message)
         self.counts.bad += failures > 0
         self._tail = buffer[at:] if self._stream and failures < _MOST_FAILURES else b""
-        return messages
 
     def _is_authentic(self, frame: Frame, data: bytes) -> bool:
         """Return True if the frame is accepted. Count a rejection."""

@@ -156,15 +156,13 @@ class CommandSender:
         self._newest.append(frame)
         if target[0] not in (0, us[0]) or target[1] not in (0, us[1]) or repeated:
             return
-        if ack.result != dialect.MAV_RESULT_IN_PROGRESS and not known:
-            if self._owed[ack.command] > 0:
-                self._owed[ack.command] -= 1
-            elif target == us:  # another program uses our ids
-                self._unasked.append(now)
+        ends = ack.result != dialect.MAV_RESULT_IN_PROGRESS
+        if ends and not known:
+            self._settle(ack.command, target == us, now)
         pending = self._pending.get(ack.command)
         if pending is None:
             return
-        if ack.result != dialect.MAV_RESULT_IN_PROGRESS:
+        if ends:
             self._end(pending, ack.result, now)
         # 3: limit of IN_PROGRESS answers per command, so that a vehicle cannot keep a command
         # pending forever.
@@ -174,19 +172,21 @@ class CommandSender:
             pending.sent = 1 + RETRIES
             pending.in_progress += 1
 
+    def _settle(self, number: int, to_us: bool, now: float) -> None:
+        """Take an answer off the expected ones. An unexpected answer to us shows that another
+        program uses our ids."""
+        if self._owed[number] > 0:
+            self._owed[number] -= 1
+        elif to_us:
+            self._unasked.append(now)
+
     def poll(self, target: Ids, now: float, mode_age: float = 0.0) -> list[Message]:
         """Return the messages due now: first tries and repeats, with `confirmation` counting the
         repeats. mode_age: age of the newest report of the vehicle's mode, s."""
         for pending in list(self._pending.values()):
             if now >= pending.due and pending.sent > RETRIES:
                 self._end(pending, None, now)
-        waiting = self._queue
-        self._queue = []
-        for command in waiting:
-            if command.number in self._pending or now < self._held.get(command.number, now):
-                self._queue.append(command)
-            else:
-                self._pending[command.number] = _Pending(command, now, now, now)
+        self._start_queued(now)
         # 0.1: largest age of the mode, s, at which a mode request is repeated. A repeat replaces
         # any mode that the operator has entered since the newest report.
         repeats_mode = mode_age <= 0.1
@@ -207,6 +207,17 @@ class CommandSender:
             pending.sent = pending.sent + 1
         return [once(pending.command, target, pending.sent - 1) for pending in due]
 
+    def _start_queued(self, now: float) -> None:
+        """Start the queued commands of each number that has no pending command and expects no late
+        answer."""
+        waiting = self._queue
+        self._queue = []
+        for command in waiting:
+            if command.number in self._pending or now < self._held.get(command.number, now):
+                self._queue.append(command)
+            else:
+                self._pending[command.number] = _Pending(command, now, now, now)
+
     def _end(self, pending: _Pending, result: int | None, now: float) -> None:
         number = pending.command.number
         del self._pending[number]
@@ -226,11 +237,27 @@ def once(command: Command, target: Ids, confirmation: int = 0) -> Message:
 
 @dataclass(slots=True)
 class _Stream:
+    """Stream with its wanted rate, Hz. optional: True if the vehicle may lack it."""
+
     wanted: float
+    optional: bool
     asked: bool = False
     received: int = 0
     ever: bool = False
     denied: bool = False
+
+    def is_low(self, elapsed: float, *, first: bool) -> bool:
+        """End a measurement of this length, s. Return True if the stream must be requested
+        again."""
+        received = self.received
+        self.received = 0
+        self.ever |= received > 0
+        # A stream that was requested during the first measurement has arrived for a part of it
+        # only: its rate is still unknown.
+        unknown = first and self.asked
+        lacking = self.optional and self.asked and not self.ever
+        is_low = received / elapsed < LOW * self.wanted
+        return is_low and not (unknown or lacking or self.denied)
 
 
 class StreamRequests:
@@ -243,10 +270,9 @@ class StreamRequests:
     def __init__(self, wanted: Mapping[int, float], maybe: Container[int] = ()) -> None:
         """wanted: message id -> Hz. maybe: ids of streams that the vehicle may lack. These streams
         are requested again only if they have been received before."""
-        self._streams = {message_id: _Stream(rate) for message_id, rate in wanted.items()}
+        self._streams = {ident: _Stream(rate, ident in maybe) for ident, rate in wanted.items()}
         self._since: float | None = None
         self._is_first_check = True
-        self._maybe = maybe
 
     @property
     def refused(self) -> list[str]:
@@ -276,7 +302,8 @@ class StreamRequests:
             self._since = now
             self._is_first_check = True
             self._streams = {
-                message_id: _Stream(stream.wanted) for message_id, stream in self._streams.items()
+                ident: _Stream(stream.wanted, stream.optional)
+                for ident, stream in self._streams.items()
             }
             return self._requests([ident for ident in self._streams if ident not in USUAL])
         elapsed = now - self._since
@@ -287,20 +314,13 @@ class StreamRequests:
             return []
         self._since = now
         self._is_first_check = False
-        low = []
-        for message_id, stream in self._streams.items():
-            received = stream.received
-            stream.received = 0
-            stream.ever |= received > 0
-            if first and stream.asked:
-                # The stream was requested during this measurement and has arrived for a part of it
-                # only: its rate is still unknown.
-                continue
-            is_there = stream.ever or not stream.asked or message_id not in self._maybe
-            is_low = received / elapsed < LOW * stream.wanted
-            if is_low and is_there and not stream.denied:
-                low.append(message_id)
-        return self._requests(low)
+        return self._requests(
+            [
+                ident
+                for ident, stream in self._streams.items()
+                if stream.is_low(elapsed, first=first)
+            ]
+        )
 
     def _requests(self, idents: list[int]) -> list[Command]:
         """Return requests for these streams at their rates."""

@@ -98,6 +98,13 @@ class Motion(NamedTuple):
     climb: float | None = None
     above_home: float | None = None
 
+    @property
+    def home_altitude(self) -> float | None:
+        """Altitude of home above sea level, m."""
+        if self.altitude is None or self.above_home is None:
+            return None
+        return self.altitude - self.above_home
+
     def true_airspeed(self, indicated: float) -> float:
         """Return the true airspeed for an indicated airspeed, m/s, from the standard atmosphere's
         density (ISO 2533).

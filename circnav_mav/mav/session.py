@@ -164,13 +164,18 @@ class Session:
             self._changes.add(change)
         if message.get_type() == "COMMAND_ACK":
             self.commands.acknowledge(message, self.us, now)
-        elif message.get_type() == "TIMESYNC" and message.tc1:
+        elif message.get_type() == "TIMESYNC":
+            self._sync(message, now)
+        return True
+
+    def _sync(self, message: Message, now: float) -> None:
+        """Process the answer to our TIMESYNC request, or answer a request of the vehicle."""
+        if message.tc1:
             self.timesync.received(message.ts1, now)
         # 4: largest number of TIMESYNC answers in one step. A flood of requests is not answered.
-        elif message.get_type() == "TIMESYNC" and len(self._replies) < 4:
+        elif len(self._replies) < 4:
             # answer a request (tc1 = 0) with our clock in ns and the mirrored time of its sender
             self._replies.append(dialect.MAVLink_timesync_message(int(now * 1e9) or 1, message.ts1))
-        return True
 
     def take_changes(self) -> set[Change]:
         """Return the changes of the vehicle's state since the last call."""

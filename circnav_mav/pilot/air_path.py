@@ -65,10 +65,7 @@ class AirPath:
         nose = motion.own(now, self._airspeed(now), banks=adapter.fixed_wing)
         if nose is None:
             return
-        own = nose if adapter.air is None else self._by_air(adapter.air, nose, now)
-        if adapter.air is None and adapter.holds_ground_speed:
-            # A rover drives along its nose: its acceleration shows no wind.
-            own = own._replace(acceleration=None)
+        own = self._along_path(nose, now)
         self.own = own
         controller.vehicle.on_motion(own, nose)
         # A vehicle without an airspeed sensor has the commanded airspeed while it follows its
@@ -77,6 +74,14 @@ class AirPath:
         follows = controller.vehicle.at_speed if self._flies else controller.vehicle.followed
         if not adapter.holds_ground_speed or (steering and follows):
             self._tracker.estimator.move(own)
+
+    def _along_path(self, nose: OwnMotion, now: float) -> OwnMotion:
+        """Return the motion of the vehicle along its path."""
+        adapter = self._session.adapter
+        if adapter.air is not None:
+            return self._by_air(adapter.air, nose, now)
+        # A rover drives along its nose: its acceleration shows no wind.
+        return nose._replace(acceleration=None) if adapter.holds_ground_speed else nose
 
     def _by_air(self, air: CopterAir, nose: OwnMotion, now: float) -> OwnMotion:
         """Return the motion of a copter along its path."""

@@ -61,9 +61,8 @@ class Airborne:
         # ON_GROUND is reported once a second, so it may be old when an armed vehicle climbs.
         if disarmed or (stands and self._ground is None):
             self._ground = motion.altitude
-        elif self._ground is None and motion.altitude is not None:
-            above_home = motion.above_home
-            self._ground = None if above_home is None else motion.altitude - above_home
+        elif self._ground is None:
+            self._ground = motion.home_altitude
         flies = in_air and not self._too_low(now) and not self._too_slow(now)
         begins = flies and self._stood
         self._stood &= not flies
@@ -77,29 +76,37 @@ class Airborne:
         return motion.altitude - self._ground
 
     def obstacle(self, now: float) -> Obstacle | None:
-        """Return the condition that must be met before the aircraft is steered, or None."""
-        session = self._session
-        vehicle = session.vehicle
-        adapter = session.adapter
-        on_ground = vehicle.on_ground(now)
-        if adapter.flies and on_ground:
+        """Return the condition that must be met before the vehicle is steered, or None."""
+        checks = self._CHECKS if self._session.adapter.flies else (Airborne._kept_mode,)
+        return next(filter(None, (check(self, now) for check in checks)), None)
+
+    def _grounded(self, now: float) -> Obstacle | None:
+        vehicle = self._session.vehicle
+        if vehicle.on_ground(now):
             return Obstacle("on the ground", "the vehicle is on the ground, takes off or lands")
-        if adapter.flies and not vehicle.armed:
-            return Obstacle("not armed", "the vehicle is not armed")
-        if vehicle.mode in adapter.kept_modes:
-            name = vehicle.mode_name
-            remedy = "enter another mode"
-            return Obstacle(f"mode {name}", f"circnav does not end the mode {name}: {remedy}")
-        if not adapter.flies:
+        return None if vehicle.armed else Obstacle("not armed", "the vehicle is not armed")
+
+    def _kept_mode(self, now: float) -> Obstacle | None:
+        vehicle = self._session.vehicle
+        if vehicle.mode not in self._session.adapter.kept_modes:
             return None
-        if not self.in_air.on:
-            flown = 0.0 if self.in_air.since is None else now - self.in_air.since
-            state = "armed (no landed state)" if on_ground is None else "in the air"
-            needed = f"{ESTABLISHED:g} s {state}"
-            return Obstacle(needed, f"{needed}: {flown:.0f} s so far")
-        if adapter.fixed_wing and vehicle.hovers:
-            return Obstacle("flight on the wing", "the quadplane hovers or is in a transition")
-        return self._too_low(now) or self._too_slow(now)
+        name = vehicle.mode_name
+        remedy = "enter another mode"
+        return Obstacle(f"mode {name}", f"circnav does not end the mode {name}: {remedy}")
+
+    def _not_established(self, now: float) -> Obstacle | None:
+        if self.in_air.on:
+            return None
+        flown = 0.0 if self.in_air.since is None else now - self.in_air.since
+        on_ground = self._session.vehicle.on_ground(now)
+        state = "armed (no landed state)" if on_ground is None else "in the air"
+        needed = f"{ESTABLISHED:g} s {state}"
+        return Obstacle(needed, f"{needed}: {flown:.0f} s so far")
+
+    def _hovers(self, now: float) -> Obstacle | None:
+        if not self._session.adapter.fixed_wing or not self._session.vehicle.hovers:
+            return None
+        return Obstacle("flight on the wing", "the quadplane hovers or is in a transition")
 
     def _too_low(self, now: float) -> Obstacle | None:
         floor = self.floor
@@ -133,6 +140,9 @@ class Airborne:
             return None
         needed = f"{least:.1f} m/s of airspeed"
         return Obstacle(needed, f"{needed}: {airspeed:.1f} m/s now")
+
+    _CHECKS = (_grounded, _kept_mode, _not_established, _hovers, _too_low, _too_slow)
+    """Checks of an aircraft, in the order in which their conditions are shown."""
 
     def grounded(self, now: float) -> str:
         """Return the reason why a steered aircraft must not be steered any longer, or an empty

@@ -47,27 +47,36 @@ class Height:
 
     def receive(self, message: Message, motion: Motion, now: float) -> None:
         """Process a message of the vehicle. motion: newest motion of the vehicle."""
+        match message.get_type():
+            case "HOME_POSITION":
+                self._take_home(message.altitude / 1000)
+            case "VFR_HUD":
+                self._take_altitude(motion, now)
+
+    def _take_home(self, home: float) -> None:
+        """Take the altitude of home, m, unless the vehicle is already steered."""
+        above_home = self._settings.target_above_home_m
+        if above_home is not None and not self._engaged and abs(home) <= MOST_ALTITUDE:
+            self._zero = home + above_home
+
+    def _take_altitude(self, motion: Motion, now: float) -> None:
+        """Take the newest altitude. Move the zero with a jump."""
         altitude = motion.altitude
         # A height at the engagement needs only changes of the altitude.
         if altitude is None and self._settings.height_above_target_m is not None:
             altitude = motion.above_home
-        above_home = self._settings.target_above_home_m
-        if message.get_type() == "HOME_POSITION" and above_home is not None and not self._engaged:
-            home = message.altitude / 1000
-            self._zero = home + above_home if abs(home) <= MOST_ALTITUDE else self._zero
-        if message.get_type() != "VFR_HUD" or altitude is None:
+        if altitude is None:
             return
         newest = self._altitude.value
-        before = altitude if newest is None else newest
         waited = max(self._altitude.age(now), BUNCHED)
         self._altitude.update(altitude, now)
-        if (
-            not self._engaged
-        ):  # a home set late changes the altitude by hundreds of meters, which is no jump
+        # A home set late changes the altitude by hundreds of meters, which is no jump.
+        if not self._engaged:
             return
         if self._zero is None:
             self._zero = altitude if self._settings.height_above_target_m is not None else None
             return
+        before = altitude if newest is None else newest
         change = altitude - before
         if abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)

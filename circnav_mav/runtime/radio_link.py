@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 from math import isfinite, nan
+from typing import Any
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -134,36 +135,15 @@ class RadioLink:
     def read(self, now: float) -> list[tuple[RadioReading, Hashable]]:
         """Return the new readings with their sources. If the driver raises, count a trouble and
         drop the bytes passed to it."""
-        readings: list[tuple[RadioReading, Hashable]] = []
-        if self._asking.is_due(now):
-            try:
-                if words := self._driver.ask(now):
-                    self._link.send(words, None)
-                self._asking.succeeded()
-            except FAILURES as error:
-                self._failed(error, self._asking, now)
+        self._ask(now)
         # Read even if `ask` raised: bytes that remain in the socket would wake the loop again at
         # once.
-        for data, source in self._link.receive(now):
-            if not self._reading.is_due(now):
-                continue
-            sender = self._sender(source)
-            before = sender.driver.unread
-            found: list[RadioReading] = []
-            try:
-                for reading in sender.driver.receive(data, now):
-                    if not isinstance(reading, RadioReading):
-                        raise TypeError(f"{reading!r} is not a RadioReading")
-                    found.append(reading)
-                self._reading.succeeded()
-            except FAILURES as error:
-                self._failed(error, self._reading, now)
-            sender.between_lines = data.endswith(LINE_ENDS)
-            if found and (hint := getattr(sender.driver, "hint", "")):
-                self.troubles[hint] += 1
-            readings += [(reading, source) for reading in found]
-            self._count_batch(found)
-            self._watch(source, data, sender.driver.unread - before, bool(found), now)
+        readings = [
+            (reading, source)
+            for data, source in self._link.receive(now)
+            if self._reading.is_due(now)
+            for reading in self._decode(data, source, now)
+        ]
         # Of several ranges of a beacon without a time, return only the newest: the times of the
         # others are unknown.
         last = {(host_of(source), one.beacon): one for one, source in readings}
@@ -172,6 +152,38 @@ class RadioLink:
             for one, source in readings
             if one.stamp is not None or one is last[host_of(source), one.beacon]
         ]
+
+    def _ask(self, now: float) -> None:
+        """Send the driver's request to the radio, if any."""
+        if not self._asking.is_due(now):
+            return
+        try:
+            if words := self._driver.ask(now):
+                self._link.send(words, None)
+            self._asking.succeeded()
+        except FAILURES as error:
+            self._failed(error, self._asking, now)
+
+    def _decode(self, data: bytes, source: Hashable, now: float) -> list[RadioReading]:
+        """Return the readings in the bytes from an address."""
+        sender = self._sender(source)
+        before = sender.driver.unread
+        found: list[RadioReading] = []
+        try:
+            for reading in sender.driver.receive(data, now):
+                if not isinstance(reading, RadioReading):
+                    raise TypeError(f"{reading!r} is not a RadioReading")
+                found.append(reading)
+            self._reading.succeeded()
+        except FAILURES as error:
+            self._failed(error, self._reading, now)
+        sender.between_lines = data.endswith(LINE_ENDS)
+        if found:
+            if hint := getattr(sender.driver, "hint", ""):
+                self.troubles[hint] += 1
+            self._count_batch(found)
+        self._watch(source, data, sender.driver.unread - before, bool(found), now)
+        return found
 
     def _sender(self, source: Hashable) -> _Sender:
         """Return the state of an address.
@@ -188,16 +200,13 @@ class RadioLink:
                 self._senders[source] = self._senders.pop(other)
                 return sender
         sender = _Sender(type(self._driver)() if self._senders else self._driver)
-        if len(self._senders) >= MOST_SENDERS:
-            del self._senders[next(iter(self._senders))]
         self._senders[source] = sender
+        _forget_oldest(self._senders)
         return sender
 
     def _count_batch(self, readings: list[RadioReading]) -> None:
         """Count a trouble if most datagrams, or reads of a stream, contain several readings of a
         beacon without a time."""
-        if not readings:
-            return
         unstamped = [one.beacon for one in readings if one.stamp is None]
         self._reads += 1
         self._batches += len(set(unstamped)) < len(unstamped)
@@ -227,35 +236,45 @@ class RadioLink:
         key = host_of(source)
         host = self._hosts.get(key)
         if host is None or received:
-            if host is None and len(self._hosts) >= MOST_SENDERS:
-                del self._hosts[next(iter(self._hosts))]
             host = self._hosts[key] = _Host(now)
+            _forget_oldest(self._hosts)
         if received:
             return
         host.tail = (host.tail + data)[-MOST_WORDS:]
         host.unread += unread
         if now - host.since < WATCHED:
             return
-        text, has_end = _text(host.tail)
         of = f", from {key}" if isinstance(source, tuple) else ""
+        reported = self._report_text(host, data, of) or self._report_bytes(host, of)
+        if reported or len(host.tail) >= MANY:
+            self._hosts[key] = _Host(now)
+
+    def _report_text(self, host: _Host, data: bytes, of: str) -> bool:
+        """Count a trouble, and return True, if a host sends text that the driver cannot read."""
+        text, has_end = _text(host.tail)
+        # Each datagram of a new port begins with the line end of the datagram before. Its line
+        # would be read one datagram late.
         ends_first = has_end and data.startswith(LINE_ENDS)
-        if text and (host.unread or not has_end or ends_first):
-            unreadable = f"received text is no {self._name} data"
-            end = "" if has_end else " (without a line end)"
-            # Each datagram of a new port begins with the line end of the datagram before. Its line
-            # would be read one datagram late.
-            if ends_first:
-                end = " (its line end comes first: send the line end after the line)"
-            note(self.troubles, f"{unreadable}: {text!r}{end}{of}", f"{unreadable}, other lines")
-        elif host.unread >= MANY or _ends_with_nul(host.tail):
-            shown = f"received bytes are no {self._name} data"
-            why = "wrong baud rate, driver or output of the radio?"
-            # Name the bytes once: later bytes of a wrong baud rate are always different.
-            words = next((one for one in self.troubles if one.startswith(shown)), None)
-            self.troubles[words or f"{shown}: {host.tail[:SHOWN]!r}{of}: {why}"] += 1
-        elif text or len(host.tail) < MANY:
-            return
-        self._hosts[key] = _Host(now)
+        if not text or (has_end and not host.unread and not ends_first):
+            return False
+        unreadable = f"received text is no {self._name} data"
+        end = "" if has_end else " (without a line end)"
+        if ends_first:
+            end = " (its line end comes first: send the line end after the line)"
+        note(self.troubles, f"{unreadable}: {text!r}{end}{of}", f"{unreadable}, other lines")
+        return True
+
+    def _report_bytes(self, host: _Host, of: str) -> bool:
+        """Count a trouble, and return True, if a host sends bytes that are no text for the
+        driver."""
+        if host.unread < MANY and not _ends_with_nul(host.tail):
+            return False
+        shown = f"received bytes are no {self._name} data"
+        why = "wrong baud rate, driver or output of the radio?"
+        # Name the bytes once: later bytes of a wrong baud rate are always different.
+        words = next((one for one in self.troubles if one.startswith(shown)), None)
+        self.troubles[words or f"{shown}: {host.tail[:SHOWN]!r}{of}: {why}"] += 1
+        return True
 
     def _frame(self, reading: RadioReading) -> bytes:
         self._sequence = (self._sequence + 1) % 256
@@ -280,6 +299,12 @@ class RadioLink:
                 0,
             )
         )
+
+
+def _forget_oldest(table: dict[Hashable, Any]) -> None:
+    """Bound the memory that a flood of addresses can use."""
+    if len(table) > MOST_SENDERS:
+        del table[next(iter(table))]
 
 
 def _text(data: bytes) -> tuple[str, bool]:

@@ -174,11 +174,6 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
     limit = (
         "AT LIMIT" if tick.saturated else "limit"
     )  # near the front, so that a narrow terminal shows it
-    refused = sum(status.rejected.values())
-    reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
-    more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""
-    why = f": {', '.join(reasons[:most_reasons])}{more}" if reasons else ""
-    others = f"; {status.others} of other senders" if status.others else ""
     return {
         "vehicle": view.vehicle,
         "flown": shown(status.flown, f"flown {{:.0f}} s{duration}", ""),
@@ -200,7 +195,7 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
             shown(tick.range_age, "newest {:.2f} s old", "no range yet"),
             f"stale at {view.settings.stale:.2f} s",
         ),
-        "rejected": f"{refused} of {refused + tick.accepted}{why}{others}",
+        "rejected": _rejections(status, most_reasons),
         "link": _listed(
             frames and f"{frames} frames",
             shown(tick.link_age, "heartbeat {:.2f} s old", "no heartbeat yet"),
@@ -208,6 +203,16 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
         "senders": view.trusted,
         "setpoints": _listed(setpoints, f"{view.setpoints} total"),
     }
+
+
+def _rejections(status: Status, most_reasons: int | None) -> str:
+    """Return the number of rejected ranges, with the reasons."""
+    refused = sum(status.rejected.values())
+    reasons = [f"{count} {reason}" for reason, count in status.rejected.items()]
+    more = ", ..." if len(reasons[:most_reasons]) < len(reasons) else ""
+    why = f": {', '.join(reasons[:most_reasons])}{more}" if reasons else ""
+    others = f"; {status.others} of other senders" if status.others else ""
+    return f"{refused} of {refused + status.tick.accepted}{why}{others}"
 
 
 def _listed(*parts: str) -> str:

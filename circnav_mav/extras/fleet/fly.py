@@ -14,7 +14,7 @@ from circnav_mav.cli.exits import Exit, Refused, outlive_terminal, refusing, say
 from circnav_mav.cli.fly import EXITS, new_folder
 from circnav_mav.cli.progress import each, progress
 from circnav_mav.cli.verdict import verdict
-from circnav_mav.extras.fleet.flight import FleetFlight, Member, member_overrides
+from circnav_mav.extras.fleet.flight import FleetFlight, Member, Tracks, member_overrides
 from circnav_mav.extras.fleet.link import FleetLink, LocalNetwork
 from circnav_mav.extras.fleet.metrics import FleetFigures, figures
 from circnav_mav.extras.fleet.settings import table_of
@@ -44,17 +44,16 @@ def fly_fleet(
     **options: Any,
 ) -> int:
     """Fly, print the table of the fleet, and return the exit code. Raises Refused."""
-    for name, value in (("--endpoint", endpoint), ("--speed", speed)):
+    for name, value in (
+        ("--endpoint", endpoint),
+        ("--speed", speed),
+        ("--dry-run, --shadow", output_mode),
+    ):
         if value is not None:
             raise Refused(
                 f"{name}: cannot be used with --fleet, which flies the bundled vehicles at full"
                 " speed: omit the option"
             )
-    if output_mode is not None:
-        raise Refused(
-            "--dry-run, --shadow: cannot be used with --fleet, which flies the bundled vehicles:"
-            " omit the option"
-        )
     outlive_terminal()
     stop = StopRequest()
     given = flown_overrides(overrides, endpoint, duration)
@@ -93,15 +92,20 @@ def fly_fleet(
         )
     _show(found, flight.tracks.radius, rows)
     say(f"  fleet folder {folder}")
+    _draw(flight.tracks, folder)
+    return max(codes)
+
+
+def _draw(tracks: Tracks, folder: Path) -> None:
+    """Draw fleet.png and fleet.gif."""
     try:
         with progress("drawing fleet.png and fleet.gif"):
             from circnav_mav.extras.fleet.picture import animate_fleet, draw_fleet
 
-            draw_fleet(flight.tracks, folder / "fleet.png")
-            animate_fleet(flight.tracks, folder / "fleet.gif")
+            draw_fleet(tracks, folder / "fleet.png")
+            animate_fleet(tracks, folder / "fleet.gif")
     except Exception as error:
         say(f"  WARNING    the pictures in {folder} could not be made: {error}")
-    return max(codes)
 
 
 def _fleet_folder(out: str | None, name: str) -> Path:

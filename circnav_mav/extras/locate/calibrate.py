@@ -14,7 +14,6 @@ from circnav_mav.cli.progress import progress
 from circnav_mav.extras.locate.command import mission_of, name_of, output, read, target_height
 from circnav_mav.extras.locate.estimator import (
     CALIBRATED,
-    HEIGHT_UNKNOWN,
     UNCALIBRATED,
     Knowledge,
     NotLocated,
@@ -100,13 +99,11 @@ def calibrate_radio(
             with refusing(mission, MissionError):
                 # The flight corrects its ranges with the height of this mission.
                 flown = load_mission(Path(mission))
-        up = target_height(track.up, altitude, flown)
+        # 0.1: standard deviation of the mission's height, m. It is small because the flight
+        # corrects its ranges with the same height. An error of the height changes the calibration,
+        # but the flown circle still has the true radius.
         known = Knowledge(
-            up=float(track.up.min()) if up is None else up,
-            # 0.1: standard deviation of the mission's height, m. It is small because the flight
-            # corrects its ranges with the same height. An error of the height changes the
-            # calibration, but the flown circle still has the true radius.
-            up_sigma=HEIGHT_UNKNOWN if up is None else 0.1,
+            *target_height(track.up, altitude, flown, 0.1),
             gps_sigma=gps_sigma,
             bias_sigma=BIAS,
             scale_sigma=UNCALIBRATED,

@@ -1,7 +1,9 @@
 """`circnav locate`: places of the targets in a log."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -48,18 +50,12 @@ def locate_log(
     source = Path(path)
     with refusing(source):
         flown = mission_of(source)
-        unit = None if units is None else meters_in(units)
-        if units is not None and unit is None:
-            raise Refused(
-                f"--units {units}: is not a unit: {', '.join(METERS)}, or the length of the unit in"
-                " meters"
-            )
-        options = ReadOptions(name_of(range_name, flown), unit, vehicle)
+        options = _options(range_name, units, vehicle, flown)
         with progress(f"reading {source.name}"):
             logs = read(source, options)
         calibration = Calibration()
         if flown is not None:
-            sigma = flown.file.ranging.sigma_m if sigma is None else sigma
+            sigma = sigma or flown.file.ranging.sigma_m
             calibration = flown.file.ranging.calibration
         if calibration.is_set:
             say(
@@ -67,26 +63,21 @@ def locate_log(
                 f" {calibration.describe()}"
             )
         jobs = _jobs(logs, tags, source)
-        for note in dict.fromkeys(note for log in logs for note in log.notes):
+        for note in dict.fromkeys(chain.from_iterable(log.notes for log in logs)):
             say(f"note: {note}")
         places = {}
-        for log, tag in jobs:
-            heights = log.track(log.plane()).up
-            up = target_height(heights, altitude, flown)
+        for name, (log, tag) in jobs.items():
             # 0.5: standard deviation of the offset between the clocks of positions and ranges, s:
             # these clocks are not synchronized.
             known = Knowledge(
-                up=float(heights.min()) if up is None else up,
-                up_sigma=HEIGHT_UNKNOWN if up is None else 1.0,
+                *target_height(log.track(log.plane()).up, altitude, flown, 1.0),
                 gps_sigma=gps_sigma,
                 bias_sigma=bias,
                 delay_sigma=0.5,
             )
-            place = _one(log, tag, sigma, known, calibration, search_unit=unit is None)
+            place = _one(log, tag, sigma, known, calibration, search_unit=options.unit is None)
             if place is not None:
-                # The same tag may be in several boots, or a CSV's tag on several vehicles.
-                several = sum(name == tag for _, name in jobs) > 1
-                places[f"{tag}, {log.vehicle}" if several else tag] = place
+                places[name] = place
         if not places:
             raise Refused(f"{source}: no target was located", Exit.NOTHING_RECEIVED)
         _write(out, source, places, logs)
@@ -113,21 +104,44 @@ def mission_of(source: Path) -> Mission | None:
         return load_mission(file)
 
 
+def _options(
+    range_name: str | None, units: str | None, vehicle: int | None, mission: Mission | None
+) -> ReadOptions:
+    """Return the options for reading the log. Raises Refused for an unknown unit."""
+    unit = None
+    if units is not None:
+        unit = meters_in(units)
+        if unit is None:
+            raise Refused(
+                f"--units {units}: is not a unit: {', '.join(METERS)}, or the length of the unit in"
+                " meters"
+            )
+    return ReadOptions(name_of(range_name, mission), unit, vehicle)
+
+
 def name_of(given: str | None, mission: Mission | None) -> str:
     """Return the name of the messages with the ranges: the given name, else the name in the
     mission, else the default."""
     return given or (ReadOptions().range_name if mission is None else mission.file.ranging.name)
 
 
-def target_height(heights: Array, altitude: float | None, mission: Mission | None) -> float | None:
-    """Return the altitude of the target, m: the given one, else that of the mission, None if
-    unknown. heights: altitudes of the vehicle."""
-    if altitude is not None or mission is None:
-        return altitude
-    above = mission.file.orbit.height_above_target_m
-    if mission.file.orbit.target_altitude_m is None and above is not None:
-        return float(np.median(heights)) - above
-    return mission.file.orbit.target_altitude_m
+def target_height(
+    heights: Array, altitude: float | None, mission: Mission | None, sigma: float
+) -> tuple[float, float]:
+    """Return the altitude of the target and its standard deviation, m: the given altitude, else
+    that of the mission, else the lowest altitude of the vehicle.
+
+    heights: altitudes of the vehicle, m.
+    sigma: standard deviation of a given altitude and of that of the mission, m.
+    """
+    if altitude is None and mission is not None:
+        orbit = mission.file.orbit
+        altitude = orbit.target_altitude_m
+        if altitude is None and orbit.height_above_target_m is not None:
+            altitude = float(np.median(heights)) - orbit.height_above_target_m
+    if altitude is None:
+        return float(heights.min()), HEIGHT_UNKNOWN
+    return altitude, sigma
 
 
 def output(out: str | None, source: Path, kind: str) -> Path:
@@ -140,14 +154,20 @@ def output(out: str | None, source: Path, kind: str) -> Path:
 
 def _jobs(
     logs: Sequence[RangeLog], tags: tuple[str, ...], source: Path
-) -> list[tuple[RangeLog, str]]:
-    """Return the tags to locate, each with its log. Raises Refused."""
+) -> dict[str, tuple[RangeLog, str]]:
+    """Return the tags to locate, each with its log, by the name of its place. Raises Refused."""
     jobs = [(log, tag) for log in logs if len(log.positions) > 1 for tag in log.ranges]
+    # The same tag may be in several boots, or a CSV's tag on several vehicles.
+    count = Counter(tag for _, tag in jobs)
     for wanted in tags:
-        if wanted not in (tag for _, tag in jobs):
+        if wanted not in count:
             found = ", ".join(repr(tag) for _, tag in jobs)
             raise Refused(f"--tag {wanted}: not in {source}, which has: {found}")
-    return [(log, tag) for log, tag in jobs if not tags or tag in tags]
+    return {
+        f"{tag}, {log.vehicle}" if count[tag] > 1 else tag: (log, tag)
+        for log, tag in jobs
+        if not tags or tag in tags
+    }
 
 
 def _one(

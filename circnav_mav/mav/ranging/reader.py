@@ -8,7 +8,7 @@ and `sources` defines a source.
 
 from collections import Counter, deque
 from collections.abc import Callable, Hashable
-from math import inf, isfinite
+from math import inf
 from typing import NamedTuple
 
 from circnav_mav.guidance.maths import horizontal, horizontal_rate
@@ -192,13 +192,7 @@ class RangeReader:
         """
         if message.get_type() != self._kind.type:
             return None
-        radio = self._radio
-        # Ranges that the autopilot forwards arrive from the vehicle's address, even after the
-        # vehicle has changed it.
-        peer = None if self._settings.apart else self._identity.peer
-        vehicle = None if peer is None else peer.source
-        if radio is not None and radio.with_vehicle and vehicle is not None:
-            self._radio = radio._replace(sender=radio.sender._replace(source=vehicle))
+        vehicle = self._move_with_vehicle()
         received = self._received(message, now, source)
         if received is None:
             return None
@@ -214,6 +208,19 @@ class RangeReader:
         restarted = self._restarted
         self._restarted = False
         return Accepted(answer, restarted, self.clock.followed)
+
+    def _move_with_vehicle(self) -> Hashable:
+        """Give the trusted radio the address of the vehicle whose ranges it forwards. Return the
+        address, None if unknown or if the ranges have a link of their own."""
+        # Ranges that the autopilot forwards arrive from the vehicle's address, even after the
+        # vehicle has changed it.
+        peer = None if self._settings.apart else self._identity.peer
+        radio = self._radio
+        if peer is None:
+            return None
+        if radio is not None and radio.with_vehicle:
+            self._radio = radio._replace(sender=radio.sender._replace(source=peer.source))
+        return peer.source
 
     def _received(self, message: Message, now: float, source: Hashable) -> _Received | None:
         """Note the source of a message. Return the message for the checks, or None if it is no
@@ -242,13 +249,12 @@ class RangeReader:
     def _check_sender(self, received: _Received) -> Reject | None:
         """Reject a message of another sender or sensor than the trusted one, until the trusted one
         is silent."""
-        radio = self._radio
         if received.fits:
-            if radio is None or received.moved or self._is_trusted(received):
+            if self._continues(received):
                 return None
             if self._silent(received.now) and not self.sender_stays:
                 return None
-            if received.sender == radio.sender:
+            if received.sender == self.trusted:
                 return Reject.OTHER_SENSOR
         return Reject.WRONG_SOURCE
 
@@ -272,7 +278,7 @@ class RangeReader:
 
     def _check_stamp(self, received: _Received) -> Reject | None:
         """Reject a message whose stamp is not newer than the newest stamp of the same clock."""
-        if self._radio is not None and not (received.moved or self._is_trusted(received)):
+        if not self._continues(received):
             self._restart()
         clock = self.clock
         now = received.now
@@ -368,6 +374,11 @@ class RangeReader:
     def _silent(self, now: float) -> bool:
         return now - self.clock.newest_at > SOURCE_SILENT
 
+    def _continues(self, received: _Received) -> bool:
+        """True if the message is the first one, or from the trusted sensor at its present or new
+        address."""
+        return self._radio is None or received.moved or self._is_trusted(received)
+
     def _is_trusted(self, received: _Received) -> bool:
         """True if the message is from the trusted sensor at its present address."""
         radio = self._radio
@@ -432,9 +443,14 @@ class RangeReader:
     def _stamp(self, received: _Received) -> float:
         """Return the unwrapped stamp of a reading, s, or its arrival time if it has none."""
         reading = received.reading
-        if self._settings.stamp != "sensor" or isinstance(reading, Reject) or reading.stamp is None:
-            return received.now
-        return self.clock.unwrapped(reading.stamp)
+        return self.stamp(None if isinstance(reading, Reject) else reading.stamp, received.now)
+
+    def stamp(self, carried: float | None, now: float) -> float:
+        """Return the unwrapped stamp of a message, s, or its arrival time if it has none or the
+        mission ignores it."""
+        if self._settings.stamp != "sensor" or carried is None:
+            return now
+        return self.clock.unwrapped(carried)
 
     def _repeats(self, received: _Received, step: float) -> bool:
         """True if a message repeats the newest range. step: advance of its stamp, s."""
@@ -478,7 +494,7 @@ class RangeRateReader:
         # 3.0: largest plausible range rate in units of V.
         self._most = 3.0 * speed
         self._check = RateCheck()
-        self._stamp: float | None = None
+        self._stamp = -inf
         self._sigma = RATE_SIGMA
 
     @property
@@ -499,7 +515,7 @@ class RangeRateReader:
         sample = accepted.sample
         if accepted.restarted:
             self._check.reset()
-            self._stamp = None
+            self._stamp = -inf
         if self._settings.rate_name is not None:
             self._check.add_range(sample.stamp, self._ranging.slant, sample.sigma, self._sigma)
 
@@ -514,16 +530,12 @@ class RangeRateReader:
         if (
             ranging.trusted is None
             or not same_radio(sender, ranging.trusted)
-            or not isfinite(message.value)
-            or abs(message.value) > self._most
+            or not abs(message.value) <= self._most  # also NaN
         ):
             return None
-        carried = boot_stamp(message) if settings.stamp == "sensor" else None
-        stamp = now if carried is None else ranging.clock.unwrapped(carried)
+        stamp = ranging.stamp(boot_stamp(message), now)
         time = now + min(ranging.clock.ahead(stamp, now), 0.0) - settings.calibration.delay
-        if now - time > settings.max_age - SAME_TIME or (
-            self._stamp is not None and stamp <= self._stamp
-        ):
+        if now - time > settings.max_age - SAME_TIME or stamp <= self._stamp:
             return None
         self._stamp = stamp
         rate = message.value if settings.rate_sign == "opening" else -message.value

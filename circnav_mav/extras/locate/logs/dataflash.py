@@ -2,7 +2,7 @@
 
 import io
 import mmap
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ from circnav_mav.extras.locate.logs.interface import (
     Format,
     ReadOptions,
     by_boot,
-    with_fix,
+    first_track,
 )
 from circnav_mav.extras.locate.place import Plane
 from circnav_mav.extras.locate.range_log import Position, RangeLog
@@ -119,84 +119,56 @@ def _logs(reader: DFReader, options: ReadOptions) -> list[RangeLog]:
             for format in reader.formats.values()
             if format.name not in NO_READINGS
         }
-        with_names = {
-            name
-            for name, columns in fields.items()
-            if "Name" in columns and {"Val", "Value"} & set(columns)
-        }
+        with_names = {name for name, columns in fields.items() if "Name" in columns}
         named, _, _ = options.range_name.partition(".")
         wanted = {"POS", "ORGN", "XKF1", "GPS", "RFND", "BCN", *with_names, named}
+        names = {
+            f"{name}.{one}"
+            for name, columns in fields.items()
+            for one in columns
+            if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))
+        }
         rows = ((time, (time, message)) for time, message in _messages(reader, wanted))
-        return by_boot(rows, lambda part: [_collect(part, fields, with_names, options)])
+        return by_boot(rows, lambda part: [_collect(part, names, options)])
     finally:
         reader.close()
 
 
 def _collect(
-    messages: Iterable[tuple[float, Message]],
-    fields: Mapping[str, Sequence[str]],
-    with_names: Collection[str],
-    options: ReadOptions,
+    messages: Iterable[tuple[float, Message]], names: Collection[str], options: ReadOptions
 ) -> RangeLog:
     """Return the positions and ranges of one boot.
 
     messages: time since boot (s) and message.
-    fields: names of the fields, by message.
-    with_names: messages of named values.
+    names: names of fields that may hold a range.
     """
-    log = RangeLog()
-    receivers: dict[int, bool] = {}
+    log = RangeLog(names=set(names))
     fixed: bool | None = None
+    # Prefer the position of the autopilot's filter, as telemetry does, to the position of the GPS
+    # receiver.
     tracks: dict[str, list[tuple[Position, bool | None]]] = {"POS": [], "XKF1": [], "GPS": []}
     origin: tuple[Plane, float] | None = None
-    named, _, field = options.range_name.partition(".")
     for time, message in messages:
-        kind = message.get_type()
-        # In ORGN, Type 0 is the origin of the estimator (ArduPilot's LogOriginType).
-        match kind:
-            case "GPS":
-                # The field U marks the primary receiver, which the filter uses. Without a fix of
-                # this receiver, the filter's position is dead reckoning. Logs without the field I
-                # have one receiver.
-                number = getattr(message, "I", 0)
-                receivers[number] = message.Status >= FIX_3D
-                if getattr(message, "U", number == 0):
-                    fixed = receivers[number]
-                    tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
+        match message.get_type():
+            # The field U marks the primary receiver, which the filter uses. Without a fix of this
+            # receiver, the filter's position is dead reckoning. Logs without the field I have one
+            # receiver.
+            case "GPS" if getattr(message, "U", getattr(message, "I", 0) == 0):
+                fixed = message.Status >= FIX_3D
+                tracks["GPS"].append(((time, message.Lat, message.Lng, message.Alt), fixed))
             case "POS":
-                tracks[kind].append(((time, message.Lat, message.Lng, message.Alt), fixed))
+                tracks["POS"].append(((time, message.Lat, message.Lng, message.Alt), fixed))
+            # Type 0 is the origin of the estimator (ArduPilot's LogOriginType).
             case "ORGN" if message.Type == 0:
                 origin = Plane(message.Lat, message.Lng), message.Alt
             case "XKF1" if origin is not None and not getattr(message, "C", 0):
                 latitude, longitude = origin[0].to_degrees(message.PE, message.PN)
-                tracks[kind].append(((time, latitude, longitude, origin[1] - message.PD), fixed))
-            case "RFND":
-                for tag, slant in _rangefinders(message):
-                    options.add(log, tag, time, slant)
-            case "BCN" if message.Health:
-                for number, name in enumerate(BEACONS[: message.Cnt]):
-                    options.add(log, f"beacon {number}", time, getattr(message, name))
-            case _ if kind in with_names:
-                log.names.add(message.Name)
-                if message.Name == options.range_name:
-                    value = message.Value if "Value" in fields[kind] else message.Val
-                    options.add(log, options.range_name, time, value)
-        if kind == named and field in fields[kind]:
-            tag = options.range_name
-            if "Id" in fields[kind]:  # one message for several beacons
-                tag += f" of {message.Id}"
-            options.add(log, tag, time, getattr(message, field))
-    # Prefer the position of the autopilot's filter, as telemetry does, to the position of the GPS
-    # receiver.
-    log.positions = next(
-        (track for rows in tracks.values() if len(track := with_fix(rows)) > 1), []
-    )
-    log.names |= {
-        f"{name}.{one}"
-        for name, columns in fields.items()
-        for one in columns
-        if one.lower().startswith(LIKE_RANGES) and not name.startswith(("RFND", "NKF", "XKF"))
-    }
+                tracks["XKF1"].append(((time, latitude, longitude, origin[1] - message.PD), fixed))
+        for tag, slant in _ranges(message, options.range_name):
+            options.add(log, tag, time, slant)
+        if "Name" in message.get_fieldnames():
+            log.names.add(message.Name)
+    log.positions = first_track(tracks.values())
     return log
 
 
@@ -211,6 +183,24 @@ def _messages(reader: DFReader, wanted: set[str]) -> Iterator[tuple[float, Messa
             yield message.TimeUS / 1e6, message
         elif hasattr(message, "TimeMS"):
             yield message.TimeMS / 1e3, message
+
+
+def _ranges(message: Message, wanted: str) -> Iterator[tuple[str, float]]:
+    """Yield tags and values of the ranges in a message. wanted: MESSAGE.FIELD, or the name of a
+    named value."""
+    kind = message.get_type()
+    fields = message.get_fieldnames()
+    if kind == "RFND":
+        yield from _rangefinders(message)
+    elif kind == "BCN" and message.Health:
+        for number, name in enumerate(BEACONS[: message.Cnt]):
+            yield f"beacon {number}", getattr(message, name)
+    elif "Name" in fields and message.Name == wanted:
+        yield wanted, message.Value if "Value" in fields else message.Val
+    named, _, field = wanted.partition(".")
+    if kind == named and field in fields:
+        of = f" of {message.Id}" if "Id" in fields else ""  # one message for several beacons
+        yield wanted + of, getattr(message, field)
 
 
 def _rangefinders(message: Message) -> Iterator[tuple[str, float]]:

@@ -108,6 +108,14 @@ def with_fix(rows: Sequence[tuple[Position, bool | None]]) -> list[Position]:
     return [position for position, fixed in rows if fixed]
 
 
+def first_track(sources: Iterable[Sequence[tuple[Position, bool | None]]]) -> list[Position]:
+    """Return the positions with a fix of the first source that has several, else none.
+
+    sources: positions of each source, in the order of preference, as in `with_fix`.
+    """
+    return next((track for rows in sources if len(track := with_fix(rows)) > 1), [])
+
+
 def by_boot(
     rows: Iterable[tuple[float | None, Row]], collect: Callable[[Iterable[Row]], list[RangeLog]]
 ) -> list[RangeLog]:

@@ -1,8 +1,10 @@
 """Screening of a log: removes values that are not measurements, such as positions before the fix,
 and repeated values of a receiver or radio."""
 
-from collections.abc import Sequence
-from itertools import groupby
+from collections.abc import Callable, Sequence
+from itertools import chain, groupby
+from operator import itemgetter
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,6 +16,7 @@ FROZEN_FOR = 3.0
 value without measuring."""
 FROZEN_COUNT = 6
 """Smallest number of equal values of a frozen stretch."""
+Row = TypeVar("Row", Position, Range)
 
 
 def screen(log: RangeLog) -> None:
@@ -36,11 +39,11 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
     plane = Plane(*positions[0][1:3])
     kept = list[Position]()
     rows = sorted(positions)
-    runs = [list(run) for _, run in groupby(rows, key=lambda row: row[1:3])]
+    runs = _runs(rows, itemgetter(1, 2))
     for run, after in zip(runs, [*runs[1:], None], strict=True):
         first, last = run[0], run[-1]
         jump = 0.0
-        if after is not None and last[0] - first[0] > FROZEN_FOR:
+        if after is not None and _duration(run) > FROZEN_FOR:
             here, there = (np.array(plane.to_metres(*row[1:3])) for row in (last, after[0]))
             jump = float(np.hypot(*(there - here)))
         # 5.0: smallest jump of the position after a frozen stretch, m, that shows that the vehicle
@@ -60,7 +63,7 @@ def _moving(log: RangeLog, positions: Sequence[Position]) -> list[Position]:
 def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
     """Remove ranges that a radio or driver repeated."""
     rows = sorted(rows)
-    runs = [list(run) for _, run in groupby(rows, key=lambda row: row[1])]
+    runs = _runs(rows, itemgetter(1))
     steps = np.abs(np.diff([run[0][1] for run in runs]))
     # Coarse ranges, such as whole meters, stay equal for a while and then change by one unit of
     # resolution. They are measurements. After a repeated range, the next one differs by many units.
@@ -68,29 +71,34 @@ def _measured(log: RangeLog, tag: str, rows: Sequence[Range]) -> list[Range]:
     # with coarse resolution.
     if len(steps) < 3 or np.median(steps) <= 3.0 * steps.min():
         return rows
-    usual = float(np.median([len(run) for run in runs]))
-    kept = list[list[Range]]()
-    frozen = list[list[Range]]()
-    for run in runs:
-        # 4.0: smallest number of equal values of a frozen stretch, in units of the usual number of
-        # equal values.
-        long = run[-1][0] - run[0][0] > FROZEN_FOR and len(run) >= max(FROZEN_COUNT, 4.0 * usual)
-        frozen += [run] if long else []
-        kept.append(run[:1] if long else run)
+    usual = float(np.median(list(map(len, runs))))
+    # 4.0: smallest number of equal values of a frozen stretch, in units of the usual number of
+    # equal values.
+    least = max(FROZEN_COUNT, 4.0 * usual)
+    kept = [run[:1] if len(run) >= least and _duration(run) > FROZEN_FOR else run for run in runs]
+    frozen = [run for run, part in zip(runs, kept, strict=True) if part is not run]
     if frozen:
-        longest = max(frozen, key=lambda run: run[-1][0] - run[0][0])
-        zero = rows[0][0]
-        begin = longest[0][0]
-        end = longest[-1][0]
+        longest = max(frozen, key=_duration)
+        begin = longest[0][0] - rows[0][0]
         log.note(
             f"{tag}: {sum(map(len, frozen))} ranges in {len(frozen)} stretches of equal values, the"
-            f" longest of {longest[0][1]:.2f} m from {begin - zero:.1f} to {end - zero:.1f} s after"
-            " the first range. They are left out: the radio was silent, or its driver repeated the"
-            " last value"
+            f" longest of {longest[0][1]:.2f} m from {begin:.1f} to"
+            f" {begin + _duration(longest):.1f} s after the first range. They are left out: the"
+            " radio was silent, or its driver repeated the last value"
         )
-    equal = sum(len(run) - 1 for run in kept)
+    count = sum(map(len, kept))
     # 0.5: share of repeated values above which the ranges are sent more often than measured.
-    if equal > 0.5 * sum(map(len, kept)):
+    if count - len(kept) > 0.5 * count:
         log.note(f"{tag}: each range is sent {usual:.0f} times; the first one is used")
-        kept = [run[:1] for run in kept]
-    return [row for run in kept for row in run]
+        kept = [run[:1] for run in runs]
+    return list(chain.from_iterable(kept))
+
+
+def _runs(rows: Sequence[Row], value: Callable[[Row], object]) -> list[list[Row]]:
+    """Return the stretches of rows with equal values."""
+    return [list(run) for _, run in groupby(rows, key=value)]
+
+
+def _duration(run: Sequence[Row]) -> float:
+    """Return the duration of a stretch, s."""
+    return run[-1][0] - run[0][0]

@@ -1,6 +1,6 @@
 """MAVLink telemetry logs: positions of every vehicle, each with the ranges of its own radios."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
@@ -8,16 +8,16 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.extras.locate.logs.interface import (
-    FAR,
     FIX_3D,
     Format,
     ReadOptions,
     by_boot,
-    with_fix,
+    first_track,
 )
-from circnav_mav.extras.locate.range_log import EmptyLogError, Position, RangeLog
+from circnav_mav.extras.locate.range_log import Position, RangeLog
 from circnav_mav.mav.codec import Ids, Message, ids
-from circnav_mav.mav.ranging.interface import Reading, boot_stamp
+from circnav_mav.mav.ranging.interface import Reading, Reject
+from circnav_mav.mav.ranging.named_value_float import NAMED_VALUE_FLOAT
 from circnav_mav.mav.ranging.table import RANGING_MESSAGES
 from circnav_mav.pilot.method import RECEIVERS
 from circnav_mav.runlog.run_folder import RunError
@@ -48,10 +48,13 @@ NOT_VEHICLES = {
 """Types of senders that may report a position but have no ranging radio."""
 NAMED = ("NAMED_VALUE_FLOAT", "NAMED_VALUE_INT")
 KINDS = {kind.id: kind for kind in RANGING_MESSAGES.values()}
+KINDS[dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT] = NAMED_VALUE_FLOAT  # the same fields
+FILTERED = "GLOBAL_POSITION_INT"
+"""Message with the position of the autopilot's filter."""
 WANTED = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_GPS2_RAW,
-    dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, *KINDS,
+    *KINDS,
 }  # fmt: skip
 
 
@@ -61,16 +64,27 @@ class _Sender:
 
     vehicle: True for a vehicle, None before the first HEARTBEAT.
     fixes: True for each receiver with a fix, empty before the first report.
-    positions: positions of the autopilot's filter, each with the fix at its time.
-    raw: positions of the receivers, by message.
+    tracks: positions by message, each with the fix at its time.
     log: its ranges and names of values.
     """
 
     vehicle: bool | None = None
     fixes: dict[str, bool] = field(default_factory=dict)
-    positions: list[tuple[Position, bool | None]] = field(default_factory=list)
-    raw: dict[str, list[tuple[Position, bool | None]]] = field(default_factory=dict)
+    tracks: dict[str, list[tuple[Position, bool | None]]] = field(default_factory=dict)
     log: RangeLog = field(default_factory=RangeLog)
+
+    def moved(self, time: float, message: Message) -> None:
+        """Add a position: of a receiver with its own fix, of the filter with that of any
+        receiver."""
+        kind = message.get_type()
+        if kind in RECEIVERS:
+            self.fixes[kind] = message.fix_type >= FIX_3D
+        elif kind != FILTERED:
+            return
+        any_fix = any(self.fixes.values()) if self.fixes else None
+        position = time, message.lat / 1e7, message.lon / 1e7, message.alt / 1000
+        rows = self.tracks.setdefault(kind, [])
+        rows.append((position, self.fixes.get(kind, any_fix)))
 
 
 def _read(path: Path, options: ReadOptions) -> list[RangeLog]:
@@ -85,38 +99,23 @@ def _collect(messages: Iterable[tuple[int, Message]], options: ReadOptions) -> l
     senders = dict[Ids, _Sender]()
     newest = dict[str, tuple[float | None, float]]()
     began: int | None = None
-    named, _, part = options.range_name.partition(".")
     for stamp, message in messages:
         began = stamp if began is None else began
         time = (stamp - began) / 1e6
         sender = senders.setdefault(ids(message), _Sender())
-        match message.get_type():
-            case "HEARTBEAT":
-                sender.vehicle = message.type not in NOT_VEHICLES
-            case "GPS_RAW_INT" | "GPS2_RAW" | "GLOBAL_POSITION_INT" as kind:
-                place = message.lat / 1e7, message.lon / 1e7
-                position = time, *place, message.alt / 1000
-                if kind == "GLOBAL_POSITION_INT":
-                    fixed = any(sender.fixes.values()) if sender.fixes else None
-                    sender.positions.append((position, fixed))
-                else:
-                    sender.fixes[kind] = message.fix_type >= FIX_3D
-                    sender.raw.setdefault(kind, []).append((position, sender.fixes[kind]))
-            case kind if kind == named and part in message.get_fieldnames():
-                value = getattr(message, part)
-                if isinstance(value, int | float):
-                    options.add(sender.log, f"{options.range_name} of {_of(message)}", time, value)
-            case kind:
-                if kind in NAMED:
-                    sender.log.names.add(message.name)
-                tag = _tag(message, options.range_name)
-                reading = _reading(message)
-                if tag is None or reading is None or not 0 < reading.slant <= FAR:
-                    continue
-                one = reading.stamp, reading.slant
-                if newest.get(tag) != one:  # autopilots repeat the newest range
-                    newest[tag] = one
-                    options.add(sender.log, tag, time, reading.slant, reading.sigma or nan)
+        kind = message.get_type()
+        if kind == "HEARTBEAT":
+            sender.vehicle = message.type not in NOT_VEHICLES
+        elif kind in NAMED:
+            sender.log.names.add(message.name)
+        sender.moved(time, message)
+        tag, reading = _range(message, options.range_name, time)
+        if not isinstance(reading, Reading):
+            continue
+        one = reading.stamp, reading.slant
+        if newest.get(tag) != one:  # autopilots repeat the newest range
+            newest[tag] = one
+            options.add(sender.log, tag, time, reading.slant, reading.sigma or nan)
     return _by_vehicle(senders, options)
 
 
@@ -125,46 +124,59 @@ def _by_vehicle(senders: dict[Ids, _Sender], options: ReadOptions) -> list[Range
     on which the radio is mounted."""
     systems = sorted({system for system, _ in senders})
     tracks = {system: track for system in systems if (track := _track(senders, system))}
-    chosen = tracks
-    if options.vehicle is not None:
-        if options.vehicle not in tracks:
-            found = ", ".join(map(str, tracks)) or "none"
-            raise RunError(
-                f"--vehicle {options.vehicle}: it has no positions; vehicles with positions:"
-                f" {found}"
-            )
-        chosen = {options.vehicle: tracks[options.vehicle]}
     logs = {
-        system: RangeLog(track, vehicle=f"vehicle {system}") for system, track in chosen.items()
+        system: RangeLog(tracks[system], vehicle=f"vehicle {system}")
+        for system in _chosen(tracks, options.vehicle)
     } or {0: RangeLog()}
-    only = next(iter(logs.values())) if len(logs) == 1 else None
-    unmatched = []
-    for (system, component), sender in senders.items():
-        if not sender.log.ranges or (system in tracks and system not in logs):
-            continue
-        # A radio with its own system id belongs to the only vehicle. With several vehicles, the
-        # vehicle of such a radio is unknown.
-        carrier = logs.get(system, only)
-        if carrier is None:
-            unmatched.append(f"{system}/{component}")
-        else:
-            carrier.ranges |= sender.log.ranges
+    left_out = _pair(senders, tracks, logs)
     used = [log for log in logs.values() if log.ranges] or list(logs.values())[:1]
     if len(used) == 1:
         used[0].vehicle = ""
-    if unmatched:
-        line = (
-            f"ranges of {', '.join(unmatched)} are left out: their system id is not among those of"
+    if left_out:
+        used[0].note(
+            f"ranges of {', '.join(left_out)} are left out: their system id is not among those of"
             f" the vehicles ({', '.join(map(str, tracks))}); give --vehicle with the system id of"
             " the vehicle that carries the radio"
         )
-        if not any(log.ranges for log in used):
-            raise EmptyLogError(line)
-        used[0].note(line)
     used[0].names = set[str]().union(
         *(sender.log.names for sender in senders.values() if OURS not in sender.log.names)
     )
     return used
+
+
+def _chosen(tracks: Mapping[int, list[Position]], vehicle: int | None) -> Collection[int]:
+    """Return the system ids of the vehicles to read. Raises RunError."""
+    if vehicle is None:
+        return tracks.keys()
+    if vehicle not in tracks:
+        found = ", ".join(map(str, tracks)) or "none"
+        raise RunError(
+            f"--vehicle {vehicle}: it has no positions; vehicles with positions: {found}"
+        )
+    return (vehicle,)
+
+
+def _pair(
+    senders: Mapping[Ids, _Sender], tracks: Collection[int], logs: Mapping[int, RangeLog]
+) -> list[str]:
+    """Add the ranges of each radio to the vehicle on which the radio is mounted. Return the ids of
+    the radios of an unknown vehicle.
+
+    tracks: system ids with positions.
+    logs: vehicles to read, by system id.
+    """
+    left_out = []
+    for (system, component), sender in senders.items():
+        if system in logs:
+            logs[system].ranges |= sender.log.ranges
+        # A radio with its own system id belongs to the only vehicle. With several vehicles, the
+        # vehicle of such a radio is unknown.
+        elif system not in tracks and len(logs) == 1:
+            for log in logs.values():
+                log.ranges |= sender.log.ranges
+        elif system not in tracks and sender.log.ranges:
+            left_out.append(f"{system}/{component}")
+    return left_out
 
 
 def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
@@ -180,27 +192,36 @@ def _track(senders: dict[Ids, _Sender], system: int) -> list[Position]:
     )
     # Prefer the position of the autopilot's filter to that of a receiver. An autopilot without a
     # filter sends only GPS_RAW_INT.
-    filtered = [parts[component].positions for component in ordered]
-    raw = [parts[component].raw.get(kind, []) for component in ordered for kind in RECEIVERS]
-    return next((track for rows in filtered + raw if len(track := with_fix(rows)) > 1), [])
+    return first_track(
+        parts[component].tracks.get(kind, ())
+        for kind in (FILTERED, *RECEIVERS)
+        for component in ordered
+    )
 
 
-def _reading(message: Message) -> Reading | None:
-    """Return the reading of a ranging message, None if it has no range."""
-    if message.get_type() == "NAMED_VALUE_INT":
-        return Reading(float(message.value), None, boot_stamp(message))
-    reading = KINDS[message.get_msgId()].read(message)
-    return reading if isinstance(reading, Reading) else None
+def _range(message: Message, wanted: str, time: float) -> tuple[str, Reading | Reject | None]:
+    """Return the tag of a range, and its reading if the message has one.
 
-
-def _tag(message: Message, wanted: str) -> str | None:
-    """Return the name of the source of a range, None for a value that is not a range."""
-    match message.get_type():
+    wanted: MESSAGE.FIELD, or the name of a named value.
+    time: time of the message in the log, s, for a field without a time of its own.
+    """
+    kind = message.get_type()
+    named, _, part = wanted.partition(".")
+    of = _of(message)
+    if kind == named and part in message.get_fieldnames():
+        value = getattr(message, part)
+        is_number = isinstance(value, int | float)
+        return f"{wanted} of {of}", Reading(value, None, time) if is_number else None
+    match kind:
         case "DISTANCE_SENSOR":
-            return f"sensor {message.id} of {_of(message)}"
+            tag = f"sensor {message.id} of {of}"
         case "RANGING_BEACON":
-            return f"beacon {message.beacon_id} of {_of(message)}"
-    return f"{wanted} of {_of(message)}" if message.name == wanted else None
+            tag = f"beacon {message.beacon_id} of {of}"
+        case _ if kind in NAMED and message.name == wanted:
+            tag = f"{wanted} of {of}"
+        case _:
+            return "", None
+    return tag, KINDS[message.get_msgId()].read(message)
 
 
 def _of(message: Message) -> str:
