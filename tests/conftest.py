@@ -15,8 +15,8 @@ from tests.process import reserved_port
 
 # set before numpy is imported: threads of several processes would wait for the same cores
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# Bytecode is written also where the environment forbids it: otherwise every worker and every process
-# of the tests compiles the program again.
+# Bytecode is written even if the environment forbids it. Otherwise every worker and every process
+# of the tests would compile the program again.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)

@@ -1,5 +1,5 @@
-"""Commands that take longer than a second: progress on a terminal. The other tests of these commands
-check that stderr is empty without a terminal."""
+"""Progress of commands that take longer than a second, on a terminal. The other tests of these
+commands check that stderr is empty without a terminal."""
 
 import os
 import pty
@@ -27,7 +27,7 @@ def flown(tmp_path_factory):
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
-def test_slow_command_shows_progress_on_terminal_only(flown, arguments, shown):
+def test_slow_command_shows_progress_on_terminal(flown, arguments, shown):
     command = [word.format(run=flown) for word in arguments]
     terminal, other_end = pty.openpty()
     running = python("-m", "circnav_mav", *command, stderr=other_end, TERM="xterm")
