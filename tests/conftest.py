@@ -5,6 +5,7 @@ port. Each process computes on one core.
 """
 
 import os
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -14,6 +15,10 @@ from tests.process import reserved_port
 
 # set before numpy is imported: threads of several processes would wait for the same cores
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Bytecode is written even if the environment forbids it. Otherwise every worker and every process
+# of the tests would compile the program again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 settings.register_profile("seeded", derandomize=True, deadline=None, database=None)
 settings.load_profile("seeded")
 

@@ -39,7 +39,7 @@ def take_over(flown: Flight, mission: str) -> None:
 @cache
 def begun(mission: str) -> Flight:
     """Return a flight 8 s after its start, engaged, without its records. Copy it before use."""
-    flown = flight(mission, "limits.coast_s=4.0").fly(8)
+    flown = flight(mission, "limits.coast_s=4.0", 'exit.action="rtl"').fly(8)
     flown.truths = []
     flown.ticks = []
     flown.sent = []
@@ -87,6 +87,7 @@ def test_vehicle_settles_on_counterclockwise_circle(
     reverse = 'orbit.direction="counterclockwise"'
     flown = flight(mission, reverse, *overrides, "limits.duration_s=58.0", law="auto").fly(90)
     assert flown.outcome.ending is Ending.COMPLETED
+    assert flown.outcome.reason == "flown to its end"
     exits = flown.pilot.session.adapter.exits
     assert flown.vehicle.truth.mode == exits[flown.pilot.settings.file.exit.action or "loiter"]
     orbit = flown.pilot.settings.orbit
@@ -164,15 +165,6 @@ def test_setpoint_timeout_of_autopilot_expires_when_circnav_is_killed(mission: s
         assert truth.mode != guided
 
 
-@pytest.mark.parametrize("mission", VEHICLES)
-def test_exit_action_commands_mode_of_mission(mission: str) -> None:
-    flown = flight(mission, "limits.duration_s=8.0", 'exit.action="rtl"').fly(60)
-    adapter = flown.pilot.session.adapter
-    assert flown.pilot.done
-    assert flown.pilot.session.vehicle.mode == adapter.exits["rtl"] == flown.vehicle.truth.mode
-    assert flown.outcome.reason == "flown to its end"
-
-
 @pytest.mark.parametrize(
     ("excepted", "in_the_end", "taken_over"),
     [(0, "rtl", False), (0, "rtl", True), (2, "loiter", True)],
@@ -199,15 +191,14 @@ def test_px4_plane_obeys_stick_loss_exception_after_exit(
 
 
 @pytest.mark.parametrize("mission", VEHICLES)
-def test_lost_ranging_ends_flight_with_exit_mode(mission: str) -> None:
+def test_lost_ranging_ends_flight_with_exit_mode_of_mission(mission: str) -> None:
     flown = copy.deepcopy(begun(mission))
     flown.hears = lambda frame, now: frame[7:10] != b"\x84\x00\x00"
     flown.fly(40)
     assert "no range" in flown.outcome.reason
-    assert (
-        flown.vehicle.truth.mode
-        == flown.pilot.session.adapter.exits[flown.pilot.settings.file.exit.action or "loiter"]
-    )
+    assert flown.pilot.done
+    adapter = flown.pilot.session.adapter
+    assert flown.pilot.session.vehicle.mode == adapter.exits["rtl"] == flown.vehicle.truth.mode
 
 
 def test_autopilot_auto_recognizes_arduplane() -> None:

@@ -56,8 +56,8 @@ def test_benchmark_table_shows_larger_error_of_feedforward_in_wind(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def cell():
-    """Results of five synthetic flights from 200 m to a counter-clockwise circle in 40 s. Three
+def rows():
+    """Rows of five synthetic flights from 200 m to a counter-clockwise circle in 40 s. Three
     flights have errors of 0, 1 and 20 m, one flies in the wrong direction, and one is lost in the
     wind."""
     time = np.arange(0.0, 400.0, 0.5)
@@ -79,8 +79,19 @@ def cell():
         for i in range(5)
     ]
     cell = {"situation": "calm", "policy": "auto", "seconds": 0.0}
-    rows = [cell | {"flight": i} | figures(track) for i, track in enumerate(tracks)]
+    return [cell | {"flight": i} | figures(track) for i, track in enumerate(tracks)]
+
+
+@pytest.fixture(scope="module")
+def cell(rows):
     return cell_of(rows, [row | {"rms": row["rms"] - 2.0} for row in rows])
+
+
+def test_benchmark_interval_of_six_flights_has_their_extremes(rows):
+    """Six flights are the least number for 95 %: the median is outside them with 2 / 2^6."""
+    six = [rows[0] | {"flight": i, "rms": float(i)} for i in range(6)]
+    found = cell_of(six, six)
+    assert (found.rms_low, found.rms_median, found.rms_high) == (0.0, 2.5, 5.0)
 
 
 def test_benchmark_figures_match_hand_calculation(cell):
