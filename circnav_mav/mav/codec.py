@@ -124,12 +124,11 @@ class Decoder:
         self.counts.bytes += len(received)
         self.frames = []
         self.behind = False
-        messages = []
+        messages: list[Message] = []
         for frame, data in self._valid_frames(self._tail + received):
             self._count(frame, data)
-            is_wanted = self._is_authentic(frame, data) and frame.ident in self._wanted
-            if is_wanted and (message := self._read(data)) is not None:
-                messages.append(message)
+            if self._is_authentic(frame, data) and frame.ident in self._wanted:
+                messages += self._read(data)
         return messages
 
     def _valid_frames(self, buffer: bytes) -> Iterator[tuple[Frame, bytes]]:
@@ -170,14 +169,14 @@ class Decoder:
             self.frames.append(data)
         return refusal is None
 
-    def _read(self, data: bytes) -> Message | None:
-        """Return the message of a frame with a valid CRC, or None if pymavlink still cannot decode
+    def _read(self, data: bytes) -> list[Message]:
+        """Return the message of a frame with a valid CRC, none if pymavlink still cannot decode
         it."""
         try:
-            return self._dialect.decode(bytearray(data))
+            return [self._dialect.decode(bytearray(data))]
         except dialect.MAVError:
             self.counts.bad += 1
-            return None
+            return []
 
     def _count(self, frame: Frame, data: bytes) -> None:
         counts = self.counts

@@ -67,16 +67,18 @@ class Height:
             altitude = motion.above_home
         if altitude is None:
             return
-        newest = self._altitude.value
+        before = self._altitude.value
         waited = max(self._altitude.age(now), BUNCHED)
         self._altitude.update(altitude, now)
         # A home set late changes the altitude by hundreds of meters, which is no jump.
         if not self._engaged:
             return
         if self._zero is None:
-            self._zero = altitude if self._settings.height_above_target_m is not None else None
+            if self._settings.height_above_target_m is not None:
+                self._zero = altitude
             return
-        before = altitude if newest is None else newest
+        if before is None:
+            return
         change = altitude - before
         if abs(change) <= MOST_CLIMB * waited:
             self._forgive(altitude, now)

@@ -82,7 +82,8 @@ class RangeTracker:
         height = self.height.at(now)
         if self.rates.carries(message):
             rate = self.rates.read(message, now, height=height, source=source)
-            self._take_rate(None if stalled else rate)
+            if rate is not None and not stalled:
+                self._take_rate(rate)
             return False
         one_way = self.one_way if begun else 0.0
         answer = self.ranging.read(message, now, height=height, one_way=one_way, source=source)
@@ -113,11 +114,9 @@ class RangeTracker:
         self.recent.append(sample)
         return True
 
-    def _take_rate(self, rate: RateSample | None) -> None:
+    def _take_rate(self, rate: RateSample) -> None:
         """Pass a range rate to the estimator, unless it follows the newest one too soon."""
         before = self.newest_rate
-        if rate is None:
-            return
         if before is None or rate.time - before.time >= self._thinning.period:
             self.newest_rate = rate
             self.estimator.observe_rate(rate)

@@ -72,7 +72,6 @@ class _Method:
 
     def succeeded(self) -> None:
         self._failures = 0
-        self._due = float("-inf")
 
     def failed(self, now: float) -> None:
         self._failures += 1
@@ -315,16 +314,17 @@ def _text(data: bytes) -> tuple[str, bool]:
     lines = [line for line in lines if line]
     has_end = bool(lines)
     line = (lines[-1] if has_end else rest).decode("latin-1")
-    is_text = line.isascii() and line.replace("\t", " ").isprintable()
     is_long = has_end or len(rest) >= MANY
-    return line if is_text and is_long else "", has_end
+    return line if is_long and _is_text(line) else "", has_end
 
 
 def _ends_with_nul(data: bytes) -> bool:
     """True if the bytes are text whose lines end with NUL, as some programs in C send them."""
-    text = data.replace(b"\0", b"").decode("latin-1")
-    is_text = text.isascii() and re.sub(r"[\t\r\n]", " ", text).isprintable()
-    return is_text and data.count(b"\0") >= 2
+    return data.count(b"\0") >= 2 and _is_text(data.replace(b"\0", b"").decode("latin-1"))
+
+
+def _is_text(text: str) -> bool:
+    return text.isascii() and re.sub(r"[\t\r\n]", " ", text).isprintable()
 
 
 def _millimetres(metres: float | None) -> int:
@@ -345,11 +345,9 @@ def radio_port(endpoint: str) -> tuple[str, Driver, str]:
     except DriverError as error:
         raise LinkError(f"endpoint {endpoint!r}: {error}") from None
     if port.startswith("/"):
-        port = (
-            f"serial:{port}"
-            if port.rpartition(":")[2].isdecimal()
-            else f"serial:{port}:{driver.baud}"
-        )
+        port = f"serial:{port}"
+        if not port.rpartition(":")[2].isdecimal():
+            port += f":{driver.baud}"
     parse_endpoint(port)
     return name, driver, port
 
