@@ -134,10 +134,10 @@ class CommandSender:
     def drop(self, number: int) -> bool:
         """Drop the commands of this number and do not wait for late answers. Return True if any
         command was dropped."""
-        waited = [command for command in self._queue if command.number == number]
+        waited = len(self._queue)
         self._queue = [command for command in self._queue if command.number != number]
         self._held.pop(number, None)
-        return self._pending.pop(number, None) is not None or bool(waited)
+        return self._pending.pop(number, None) is not None or len(self._queue) < waited
 
     def take_results(self) -> list[CommandResult]:
         results = self._results
@@ -324,12 +324,13 @@ class StreamRequests:
 
     def _requests(self, idents: list[int]) -> list[Command]:
         """Return requests for these streams at their rates."""
+        requests = []
         for ident in idents:
-            self._streams[ident].asked = True
-        intervals = (
-            (ident, round(1e6 / self._streams[ident].wanted)) for ident in idents
-        )  # microseconds
-        return [Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, interval) for interval in intervals]
+            stream = self._streams[ident]
+            stream.asked = True
+            interval = round(1e6 / stream.wanted)  # microseconds
+            requests.append(Command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (ident, interval)))
+        return requests
 
     def give_back(self) -> list[Command]:
         """Return the requests that restore the vehicle's own rates of the requested streams. A

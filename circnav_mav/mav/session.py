@@ -228,15 +228,13 @@ class Session:
             echo = {} if self.adapter.echo is None else {self.adapter.echo: ECHO_RATE}
             wanted = {**self.adapter.firmware.streams, **echo, **self._more_streams}
             self.streams = StreamRequests(wanted, maybe=echo)
-            self.commands.send(
-                Command(
-                    dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,)
-                )
-            )
+            self._request(dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         if self.vehicle.unproven:
-            self.commands.send(
-                Command(dialect.MAV_CMD_REQUEST_MESSAGE, (dialect.MAVLINK_MSG_ID_SYSTEM_TIME,))
-            )
+            self._request(dialect.MAVLINK_MSG_ID_SYSTEM_TIME)
+
+    def _request(self, ident: int) -> None:
+        """Request one message of this id."""
+        self.commands.send(Command(dialect.MAV_CMD_REQUEST_MESSAGE, (ident,)))
 
     # --- out ---
 

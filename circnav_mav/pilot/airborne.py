@@ -90,9 +90,8 @@ class Airborne:
         vehicle = self._session.vehicle
         if vehicle.mode not in self._session.adapter.kept_modes:
             return None
-        name = vehicle.mode_name
-        remedy = "enter another mode"
-        return Obstacle(f"mode {name}", f"circnav does not end the mode {name}: {remedy}")
+        mode = f"mode {vehicle.mode_name}"
+        return Obstacle(mode, f"circnav does not end the {mode}: enter another mode")
 
     def _not_established(self, now: float) -> Obstacle | None:
         if self.in_air.on:
@@ -111,14 +110,14 @@ class Airborne:
     def _too_low(self, now: float) -> Obstacle | None:
         floor = self.floor
         height = self.height(now)
-        if floor == 0 and self._session.vehicle.on_ground(now) is None:
+        if floor == 0:
+            if self._session.vehicle.on_ground(now) is not None:
+                return None
             return Obstacle(
                 "a landed state",
                 "no landed state (EXTENDED_SYS_STATE) and engage.min_height_m = 0: nothing shows"
                 " that the vehicle flies",
             )
-        if floor == 0:
-            return None
         if height is None:
             return Obstacle(
                 "height unknown",
