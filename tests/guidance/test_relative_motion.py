@@ -290,7 +290,7 @@ def test_filter_separates_wrong_airspeed_from_gust():
     nose = OMEGA * 40.0
     acceleration_weight = noise.acceleration_weight > 0
     # models with accelerations, and models initialized from them
-    wrong = acceleration_weight | (noise.drift_psd <= 1e-3)
+    wrong = acceleration_weight | (noise.drift_psd < 1e-3)
     tracks.x[wrong, KAPPA] = scale - 0.025
     tracks.x[wrong, GX] = 0.025 * reported * cos(nose)
     tracks.x[wrong, GY] = 0.025 * reported * sin(nose)

@@ -26,12 +26,13 @@ from circnav_mav.guidance.maths import Vector
 Array = NDArray[np.float64]
 UNKNOWNS = 5
 """Number of unknowns of a hypothesis: position (2), drift (2) and airspeed scale."""
-CANDIDATES = 16
+CANDIDATES = 32
 """Initial hypotheses of a search, equally spaced in bearing on a circle with the radius of the
 first range."""
 MOST_DAMPING = 1e6
-"""Upper bound of the Levenberg-Marquardt damping: the step is almost 0. With the inverse of this
-damping, the step is almost a Gauss-Newton step."""
+"""Upper bound of the Levenberg-Marquardt damping: the step is almost 0."""
+LEAST_DAMPING = 1e-4
+"""Lower bound of the Levenberg-Marquardt damping: the step is almost a Gauss-Newton step."""
 ROBUST = 4.0
 """Scale of the robust (Cauchy) weight, in standard deviations of a residual. A residual of this
 size has half the weight of a small residual."""
@@ -213,9 +214,9 @@ class Acquisition:
         x = g.x[best]
         P = covariance(x, bins, self._prior) * scale
         r = hypot(x[0], x[1])
-        # 0.1: largest standard deviation of the position of an accepted solution, as a share of
+        # 0.12: largest standard deviation of the position of an accepted solution, as a share of
         # the range.
-        precise = sqrt(P[0, 0] + P[1, 1]) < 0.1 * r
+        precise = sqrt(P[0, 0] + P[1, 1]) < 0.12 * r
         plausible = hypot(x[2], x[3]) < DRIFT_MOST * self._settings.speed
         elsewhere = np.hypot(g.x[:, 0] - x[0], g.x[:, 1] - x[1]) > APART * r
         # 5.0: least advantage in log likelihood of an accepted solution over every other position.
@@ -264,11 +265,9 @@ def improve(g: Candidates, bins: Bins, prior: Prior) -> Candidates:
     x = g.x + np.linalg.solve(damped, b[..., None])[..., 0]
     improved_cost = _penalty(_residual(x, bins)[0]) + prior.cost(x)
     improves = improved_cost < cost
-    damping = g.damping * np.where(improves, 0.1, 10.0)
+    damping = np.clip(g.damping * np.where(improves, 0.2, 5.0), LEAST_DAMPING, MOST_DAMPING)
     return Candidates(
-        np.where(improves[:, None], x, g.x),
-        np.where(improves, improved_cost, cost),
-        np.clip(damping, 1 / MOST_DAMPING, MOST_DAMPING),
+        np.where(improves[:, None], x, g.x), np.where(improves, improved_cost, cost), damping
     )
 
 

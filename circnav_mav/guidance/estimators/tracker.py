@@ -40,13 +40,13 @@ MISSED = 0.5
 RECENT = 3.0
 """Time constant of the share of recent samples outside the gate, s."""
 MODELS = (
-    (0, 0, 0, 0, 0.5, 1),  # steady drift
-    (1e-3, 0, 0, 0, 1, 0),  # changes slowly
-    (1e-3, 0, 0, 0, 0.5, 1),
-    (1e-1, 0, 0, 0, 1, 0),  # changes quickly
+    (0, 0, 0, 0, 0.4, 0.9),  # steady drift
+    (3e-4, 0, 0, 0, 1, 0),  # changes slowly
+    (3e-4, 0, 0, 0, 0.4, 0.9),
+    (5e-2, 0, 0, 0, 1, 0),  # changes quickly
     (1e-2, 0.1, 0, 0, 1, 0),  # gusts
     (0, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
-    (1e-3, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
+    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
 )
 """Noise models. Columns: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
 acceleration_weight, white, drifting, as in `Noise`. Only models with a steady or slowly changing
