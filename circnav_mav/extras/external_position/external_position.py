@@ -36,13 +36,9 @@ REPORTS = {
     "px4": dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
 }
 """Message id of the estimator report, by firmware."""
-ANSWER_PATIENCE = 4.0
-"""Time to wait for the answer to a position, s, before the next one is sent."""
-BACK = {
-    True: "the autopilot has a position again",
-    None: "GPS or EKF status is not received",
-}
-"""Human-readable reason why no position is sent, by the status of the autopilot's position."""
+ANSWER_PATIENCE = 2.0
+"""Time to wait for the answer to a position, s. Without an answer, the next position is sent after
+the same time again, because the answer may be late."""
 MOST_SILENT = 3
 """Number of consecutive unanswered positions after which the external position stops."""
 LOOK_AFTER = 0.5
@@ -325,8 +321,9 @@ class ExternalPosition:
         self._lacks = ""
         """Human-readable reason why no position is available."""
         self._due = 0.0
-        self._open = False
-        """True while an answer may still belong to the newest position."""
+        self._waits = self._open = False
+        """_waits: True while waiting for an answer. _open: True while an answer may still belong to
+        the newest position."""
         self._silent = self._without = 0
         self._look_at: float | None = None
 
@@ -372,25 +369,31 @@ class ExternalPosition:
         """
         # Treat an unknown status as a valid position: never send a position to an autopilot that
         # may still have its own.
-        if good is not False:
+        if good is None or good:
             self._lost_since = None
+            self._waits = False
             self._open = False
             self._lacks = ""
             if self.given and not self.over:
-                self.ended = BACK[good]
+                self.ended = (
+                    "the autopilot has a position again"
+                    if good
+                    else "GPS or EKF status is not received"
+                )
             return None
-        if self._lost_since is None:
-            self._lost_since = now
-        # 2.0: time for which the autopilot must lack a position before the first one is handed
-        # back, s.
-        if self.over or now - self._lost_since < 2.0 or now < self._due:
-            return None
-        if self._open:
-            self._open = False
-            self._silent += 1
+        self._lost_since = now if self._lost_since is None else self._lost_since
+        if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
+            self._waits, self._silent, self._due = (
+                False,
+                self._silent + 1,
+                max(self._due, now + ANSWER_PATIENCE),
+            )
             if self._silent >= MOST_SILENT:
                 self._end("the autopilot does not answer")
-                return None
+        # 2.0: time for which the autopilot must lack a position before the first one is handed
+        # back, s.
+        if self.over or self._waits or now - self._lost_since < 2.0 or now < self._due:
+            return None
         if where is None or where.sigma > MOST_SIGMA:
             self._lacks = (
                 "the target's place is unknown"
@@ -398,7 +401,9 @@ class ExternalPosition:
                 else "the last usable range is too old"
             )
             return None
-        self._due = now + ANSWER_PATIENCE
+        # 1.0: time between two handed-back positions, s.
+        self._due = now + 1.0
+        self._waits = True
         self._open = True
         self._look_at = None
         latitude, longitude = map(float, plane.to_degrees(where.east, where.north))
@@ -421,10 +426,9 @@ class ExternalPosition:
         self.given[-1] = replace(self.given[-1], answer=answer)
         if message.result == dialect.MAV_RESULT_IN_PROGRESS:
             return  # the final answer follows
+        self._waits = False
         self._open = False
         self._silent = 0
-        # 1.0: time between two handed-back positions, s.
-        self._due = self.given[-1].time + 1.0
         match message.result:
             case dialect.MAV_RESULT_ACCEPTED:
                 self._look_at, self.accepted = now + LOOK_AFTER, self.accepted + 1
@@ -432,7 +436,7 @@ class ExternalPosition:
                 # 10.0: time until the next position after the answer FAILED or
                 # TEMPORARILY_REJECTED, s. FAILED means that the autopilot has a position after all,
                 # or has none that it could reset.
-                self._due = now + 10.0
+                self._due = max(self._due, now + 10.0)
             case _:
                 self._end(f"the autopilot answered: {answer}")
 
