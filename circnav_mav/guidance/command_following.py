@@ -31,10 +31,10 @@ LEAST_GAIN = 1 / 3
 """Lowest gain (flown over predicted turns) of a vehicle that follows, and highest gain of a vehicle
 that does not. A plane with a bank limit below the mission's limit has such a low gain. Near this
 gain both models fit alike, so there is no verdict."""
-WINDOWS = 12, 20, 50
-"""Lengths of the windows, bins. Hard turns are judged within 2.4 s, small turns need 10 s."""
-BETTER = 0.3
-"""A model is chosen if its squared error is below this share of the other model's squared error.
+WINDOWS = 10, 50
+"""Lengths of the windows, bins. Hard turns are judged within 2 s, small turns need 10 s."""
+BETTER = 1 / 3
+"""A model is chosen if its squared error is below a third of the other model's squared error.
 Gusts that turn the nose at 0.1 rad/s left a ratio above 0.5 on the emulated vehicles."""
 IN_A_ROW = 2
 """Consecutive bins that must agree before the verdict changes."""
@@ -189,7 +189,7 @@ def _evidence(flown: Array, predicted: Array) -> int:
     other = min(weak, energy - float(flown.sum()) ** 2 / flown.size)
     # Least difference of both models' squared errors, integrated over time, rad^2/s, for a verdict.
     # A model that follows may fly a third of the command. So the bound is reached if the vehicle
-    # does not fly a command of 0.05 rad/s (3 deg/s) for 2.4 s, or of 0.025 rad/s for 10 s. For
+    # does not fly a command of 0.06 rad/s (3 deg/s) for 2 s, or of 0.025 rad/s for 10 s. For
     # comparison, a bank error of 3 deg at 22 m/s is 0.023 rad/s.
     if abs(following - other) * BIN < 0.0007:
         return 0
@@ -203,7 +203,7 @@ def _limited(flown: Array, predicted: Array) -> float:
     a bank limit. The limit is a quantile of the flown turns, because a bank overshoots at first.
     The limit is at least a third of the largest command."""
     least = LEAST_GAIN * np.abs(predicted).max(0)
-    limits = (np.maximum(limit, least) for limit in np.quantile(np.abs(flown), (0.5, 0.75, 1.0)))
+    limits = (np.maximum(limit, least) for limit in np.quantile(np.abs(flown), (0.5, 1.0)))
     return min(
         _without_worst((flown[:, None] - np.clip(predicted, -limit, limit)) ** 2)
         for limit in limits

@@ -29,8 +29,9 @@ from circnav_mav.guidance.vector_field import drift, drift_gains
 
 LINK = 0.05
 """Delay of link and control period, s, in addition to the vehicle's delay."""
-DEAD_SHARES = (0.3, 0.7)
-"""Family of vehicles: share of the dead time in the delay."""
+DEAD_SHARE = 0.3
+"""Share of the dead time in the delay of these vehicles. With a larger share, the sensitivity is
+lower."""
 DAMPINGS = (0.3, 0.6, None)
 """Family of vehicles: damping of the response. None: response of first order."""
 KNOWN = (0.8, 1.0, 1.2)
@@ -43,7 +44,7 @@ plane at 22 m/s on a radius of 150 m (1.8) did not."""
 DESIGN_DRIFT = 1 / 3
 """Drift, in units of V, in which a circle should keep its margin. If the turn rate allows less
 drift on this circle, that smaller drift is used instead."""
-LARGEST = 20.0
+LARGEST = 10.0
 """Upper end of the search for a radius with margin, in units of the given radius."""
 _S = 1j * np.logspace(-1.3, 1, 100)
 """Frequencies times j, rad/s: from a slow lap to far beyond any crossover."""
@@ -62,9 +63,9 @@ def sensitivity(V: float, r_d: float, W: float, delay: float, late: float, limit
     limit: of the turn rate, rad/s.
     """
     worst = 0.0
-    for known, share, damping in product(KNOWN, DEAD_SHARES, DAMPINGS):
-        dead = share * delay
-        lag = (1 - share) * delay
+    for known, damping in product(KNOWN, DAMPINGS):
+        dead = DEAD_SHARE * delay
+        lag = (1 - DEAD_SHARE) * delay
         frequency = 2 * (damping or 0.0) / lag
         answer: Complex = 1 / (lag * _S + 1)
         if damping is not None:

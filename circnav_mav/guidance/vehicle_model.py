@@ -11,7 +11,7 @@ from math import exp, inf, pi, remainder
 from typing import Any, NamedTuple
 
 from circnav_mav.guidance.command_following import CommandFollowing, LimitCycle
-from circnav_mav.guidance.limits import BankLimit
+from circnav_mav.guidance.limits import SHORT, BankLimit
 from circnav_mav.guidance.recursive_least_squares import RecursiveLeastSquares
 from circnav_mav.guidance.turn_response import (
     CandidateTurns,
@@ -30,8 +30,9 @@ limit cycle in a wind of 8 m/s."""
 OBEYS_AFTER = 2.0
 """Time, s, for which an unresponsive vehicle must turn as commanded before learning resumes. After
 this time the response model no longer contains commands that the vehicle did not receive."""
-OFF_BANK = 0.06
-"""Largest difference of a plane's gain by its commands from its gain by its bank, as a share."""
+OFF_BANK = 1 - SHORT
+"""Largest difference of a plane's gain by its commands from its gain by its bank, as a share. A
+plane with a larger difference counts as limited."""
 PAUSE = 1.0
 """Pause of the commands, or gap between two reports of own motion, s, after which the vehicle may
 have stopped. Without commands, autopilots brake, hover or loiter."""
@@ -102,9 +103,9 @@ class TurnGain:
             return
         self.time = time
         self.heading = heading
-        # 1.2: longest gap between two reports, s: a vehicle that refuses stream requests sends one
+        # 2.0: longest gap between two reports, s: a vehicle that refuses stream requests sends one
         # per second.
-        if not 0 < step <= 1.2:
+        if not 0 < step <= 2.0:
             self.rate = command
             self._lagged = command
             self.command = command
@@ -177,7 +178,7 @@ class VehicleModel:
         self._followed_at = -inf
         self._unresponsive_at = -inf
         self._snapshots: deque[Snapshot] = deque()
-        """Learned states of the last 5 s, one per second."""
+        """Learned states of the last 4 s, one per second."""
 
     @property
     def gain(self) -> float:
@@ -213,11 +214,11 @@ class VehicleModel:
         slow_at = max(self._started_at, self._unresponsive_at)
         # A vehicle without airspeed sensor is assumed to have the commanded speed. The estimators
         # would mistake a lower speed for a drift, so they receive its motion only at this speed.
-        # 0.7: longest time, s, without turning as commanded. When a turn is reversed, commanded and
+        # 0.5: longest time, s, without turning as commanded. When a turn is reversed, commanded and
         # flown turn differ for this time.
         # 2.5: time, s, of turning as commanded after which the vehicle has the commanded speed. A
         # multicopter needs this time to accelerate from 0 to 5 m/s.
-        return now - self._followed_at <= 0.7 and now - slow_at >= 2.5 - SAME_TIME
+        return now - self._followed_at <= 0.5 and now - slow_at >= 2.5 - SAME_TIME
 
     def pending(self, now: float, turn_rate: float) -> Pending:
         """Return the commanded turn that is not flown yet. turn_rate: turn rate of the vehicle now,
@@ -311,8 +312,9 @@ class VehicleModel:
                 self._snapshots.append(Snapshot(now, gain, self._learner.knowledge))
             # Span of the snapshots, s. If the vehicle is found unresponsive, all that was learned
             # in this span is discarded. After a loss of the uplink, ArduPilot flies the last
-            # command for another 3 s. While the commands do not change, this looks like following.
-            while now - self._snapshots[0].time > 5.0:
+            # command for another 3 s, and is found 1 s later. While the commands do not change,
+            # this looks like following.
+            while now - self._snapshots[0].time > 4.0:
                 self._snapshots.popleft()
 
     def reset(self) -> None:

@@ -38,6 +38,36 @@ def test_turn_gain_is_kept_during_minute_without_turning() -> None:
     assert later.gain == pytest.approx(0.9, abs=0.08)
 
 
+@pytest.mark.parametrize(
+    ("flown", "least", "most"), [(0.4, 0.5, 0.8), (1.7, 1.1, 1.6)], ids=["weak", "strong"]
+)
+def test_turn_gain_stays_plausible_in_implausible_turns(flown, least, most) -> None:
+    """No vehicle flies 0.4 or 1.7 of its commands: a bank limit or a wrong compass causes this."""
+    assert least < turned(TurnGain(), 0.0, 120.0, flown * COMMAND).gain < most
+
+
+def test_turn_gain_follows_change_within_35_s() -> None:
+    before = turned(TurnGain(), 0.0, 90.0, 0.95 * COMMAND)
+    assert turned(before, 90.0, 35.0, 0.7 * COMMAND).gain == pytest.approx(0.7, abs=0.06)
+
+
+def test_turn_gain_is_learned_on_large_circle() -> None:
+    """On a circle of 500 m radius at 15 m/s, the command is 0.03 rad/s."""
+    gain = TurnGain()
+    for n in range(2400):
+        gain.learn(n * STEP, 0.75 * 0.03 * n * STEP, 0.03, 0.4)
+    assert gain.gain == pytest.approx(0.75, abs=0.06)
+
+
+@pytest.mark.parametrize("command", [0.015, 0.03])
+def test_unflown_turn_is_noticed_on_circles_up_to_500_m(command) -> None:
+    """At 15 m/s, the command on a circle of 1000 m radius is too small to judge in noise."""
+    gain = TurnGain()
+    for n in range(200):
+        gain.learn(n * STEP, 0.0, command, 0.4)
+    assert gain.followed == (command < 0.02)
+
+
 @pytest.mark.parametrize("swing", [0.3, 1.0])
 def test_turn_gain_is_exact_despite_turn_lag(swing: float) -> None:
     """The command oscillates at 0.3 or 1 rad/s. A lag of 0.4 s then delays the turn by 7 or 20 deg
