@@ -21,11 +21,11 @@ Array = NDArray[Any]
 BIN = 0.2
 """Width of a bin, s: shorter bins contain too much gyro noise, longer ones do not resolve the
 delay."""
-DEADS = np.arange(0.0, 1.0, 0.1)
+DEADS = np.arange(0.0, 1.01, 0.1)
 """Candidates of the dead time, s."""
-FIRST_ORDER = tuple(0.1 * 2.0**k for k in range(5))
+FIRST_ORDER = (0.1, 0.2, 0.35, 0.6, 0.9, 1.3)
 """Candidates of a first-order response: lags, s."""
-SECOND_ORDER = tuple((f, z) for f in (3.0, 5.0) for z in (0.3, 0.5))
+SECOND_ORDER = (*((f, z) for f in (3.0, 5.0) for z in (0.3, 0.6)), (8.0, 0.4))
 """Candidates of a second-order response: frequencies (rad/s) with dampings."""
 LAGS = np.array([*FIRST_ORDER, *(2 * damping / frequency for frequency, damping in SECOND_ORDER)])
 """Mean delay of each response, s."""
@@ -51,14 +51,16 @@ RESIDUES = np.array(
 command."""
 STEADY = -RESIDUES / POLES
 """Steady state of each mode under a constant turn command of 1 rad/s."""
-PRIOR_SIGMA = 0.5
+PRIOR_SIGMA = 0.6
 """Standard deviation of the logarithm of dead time plus lag about the mission's value."""
-EXPLAINED = 0.5
+EXPLAINED = 0.6
 """Least share of the flown turns' variance that the commands explain. With less, the flown turns
 are not used to learn the response. Vehicles that follow have a share of 0.8 and more."""
-LEAST_SLOPE = 0.5
+LEAST_SLOPE = 0.4
 """Lower bound of the slope of flown over predicted turns, for turns to be used. Vehicles that
 follow have slopes of 0.65 to 1.2."""
+MOST_SLOPE = 1.6
+"""Upper bound of the slope of flown over predicted turns, for turns to be used."""
 
 
 class Response(NamedTuple):
@@ -187,7 +189,7 @@ class TurnBins:
 class ResponseLearner:
     """Learns the response of a vehicle in flight."""
 
-    MEMORY = 100.0
+    MEMORY = 90.0
     """Forgetting time of the least squares, s. Load and airspeed change slowly, and steady circling
     adds no information."""
 
@@ -247,7 +249,7 @@ class ResponseLearner:
         # Reject turns that the commands do not explain: the vehicle may not receive commands, or
         # may only circle.
         explained = product[best] ** 2 > EXPLAINED * spread[best] * variation
-        if explained and slope > LEAST_SLOPE:
+        if explained and LEAST_SLOPE < slope < MOST_SLOPE:
             self._accept(likely)
 
     def _accept(self, likely: Array) -> None:
