@@ -32,17 +32,15 @@ EQUAL_DRAG_SPEED = 8.0
 MAX_TRIM = 1.5
 """Bound of each integral (forward and left) of the thrust acceleration, m/s^2. It corrects an
 attitude estimate that is wrong by 9 deg."""
+MAX_SLIP = 0.6
+"""Bound of the side-slip angle, rad."""
 SCALE_BOUNDS = (0.5, 2.0)
 """Bounds of the estimated airspeed scale (true over measured airspeed) of a copter without GPS. The
 drag coefficients of copters are between 0.2/s and 1/s."""
-DRAG_BOUNDS = (0.1, 2.0)
+DRAG_BOUNDS = (0.05, 2.0)
 """Lower and upper bound of the drag per airspeed, learned or of the mission, 1/s."""
-SCALE_SIGMA = (1 - SCALE_BOUNDS[0]) / 2
-"""Standard deviation of the airspeed scale before the drag is learned: the lower bound is two
-standard deviations below 1."""
-MEMORY = 40.0
-"""Time constant of the least squares of the drag, and of the mean error of the accelerometer, s:
-about a lap, to separate drag and error from wind."""
+SCALE_SIGMA = 0.25
+"""Standard deviation of the airspeed scale before the drag is learned."""
 PRIOR = 10.0
 """Weight of the drag of the mission in the least squares, m^2/s. A circle at 2 m/s adds the same
 weight in 2.5 s."""
@@ -88,11 +86,13 @@ class CopterAir:
         self._motion = AT_REST
         self._speed = speed
         self._drag_of_mission = drag_force(speed, coefficient) / speed
-        self._fit = RecursiveLeastSquares(MEMORY)
+        # 60.0: time constant of the least squares, s: more than a lap, to separate wind from drag.
+        self._fit = RecursiveLeastSquares(60.0)
         # The first pair, at rest in calm air, keeps the fit defined. It is soon forgotten.
         self._fit.add(0j, 0j, 0.0, 1e-3)
         self._time = float("-inf")
-        self._errors = RecursiveLeastSquares(MEMORY)
+        # 20.0: time constant of the mean error of the accelerometer, s: about half a lap.
+        self._errors = RecursiveLeastSquares(20.0)
         """Mean error of the measured force, forward + j left, m/s^2."""
         # 0.5: time constant of the low-pass on the speed along the nose, s. A shorter one would
         # pass gusts and vibration.
@@ -208,9 +208,9 @@ class CopterAir:
         """Return the thrust acceleration that a velocity over the ground requires, m/s^2, or None
         while drag and wind cannot be separated."""
         fit = self._fit
-        # 0.5: share of the spread of v in its square. On a straight path it is 0, after a turn of
-        # 180 deg 0.6.
-        if fit.spread() <= 0.5 * fit.xx:
+        # 0.7: share of the spread of v in its square. On a straight path it is 0, after a turn of
+        # 240 deg 0.8.
+        if fit.spread() <= 0.7 * fit.xx:
             return None
         return float(abs(fit.y / fit.n + self.drag * (v - fit.x / fit.n) + acceleration))
 
@@ -254,8 +254,8 @@ class CopterAir:
         left = self._speeds[1].update(speed_of_drag(drag.imag, self.coefficient), step)
         if steering and 0 < step <= LONGEST_REPORT_GAP:
             self._hold(own.airspeed, scale, step)
-        # Side-slip angles above 45 deg occur only near standstill, where they have no meaning.
-        slip = atan2(left, max(forward, abs(left), 1e-3))
+        # Larger side-slip angles occur only near standstill, where they have no meaning.
+        slip = clip(atan2(left, max(forward, 1e-3)), -MAX_SLIP, MAX_SLIP)
         return own._replace(heading=own.heading + slip, airspeed=hypot(forward, left))
 
     def thrust_acceleration(self, speed: float) -> complex:
@@ -271,8 +271,8 @@ class CopterAir:
         if speed <= 0:
             return 0j
         wanted, _, slip = self._errors_of(speed)
-        # 0.5: acceleration to the right per speed to the left, 1/s. It reduces the side-slip.
-        return complex(wanted, -0.5 * slip) + self._trim
+        # 0.4: acceleration to the right per speed to the left, 1/s. It reduces the side-slip.
+        return complex(wanted, -0.4 * slip) + self._trim
 
     def _hold(self, speed: float, scale: float | None, step: float) -> None:
         """Update the airspeed scale and the integrals of the thrust acceleration. speed: true
@@ -281,10 +281,10 @@ class CopterAir:
             # 10.0: time constant with which the held airspeed follows the estimated scale, s.
             self.scale += (scale - self.scale) * (1 - exp(-step / 10.0))
         _, missing, slip = self._errors_of(speed)
-        # 0.1: rate of the forward integral, 1/s. The integral is slower than the response of the
+        # 0.15: rate of the forward integral, 1/s. The integral is slower than the response of the
         # airspeed by the drag (0.25 to 0.5/s), so that the airspeed does not oscillate. The same
         # rate, 1/s^2, applies to the integral of the speed to the left.
-        trim = self._trim + 0.1 * step * complex(missing, -slip)
+        trim = self._trim + 0.15 * step * complex(missing, -slip)
         self._trim = complex(
             clip(trim.real, -MAX_TRIM, MAX_TRIM), clip(trim.imag, -MAX_TRIM, MAX_TRIM)
         )
@@ -295,8 +295,8 @@ class CopterAir:
         forward, left = (part.value or 0.0 for part in self._speeds)
         wanted = drag_force(speed / self.scale, self.coefficient)
         missing = wanted - drag_force(forward, self.coefficient)
-        # If more than half of the drag is missing, the copter still accelerates to the
+        # If more than this share of the drag is missing, the copter still accelerates to the
         # airspeed. Such a difference does not show a wrong attitude, so the integrals wait.
-        if abs(missing) > 0.5 * wanted:
+        if abs(missing) > 0.4 * wanted:
             return wanted, 0.0, 0.0
         return wanted, missing, clip(left, -2.0, 2.0)
