@@ -18,9 +18,9 @@ from dataclasses import dataclass
 from math import pi, remainder
 from typing import NamedTuple
 
-from circnav_mav.guidance.types import LONGEST_REPORT_GAP, OwnMotion
+from circnav_mav.guidance.types import GRAVITY, LONGEST_REPORT_GAP, OwnMotion
 
-MOST_FED = 5.0
+MOST_FED = 0.5 * GRAVITY
 """Upper bound of the acceleration feedforward against drag, m/s^2. It requires a tilt of 27 deg."""
 TILT = 0.25
 """Time constant of the tilt, s, as flown."""

@@ -44,7 +44,7 @@ def flown(turn_rate, drag, wind=(0.0, 0.0), seconds=150.0):
 
 
 @pytest.mark.parametrize("drag", [0.4, 1.0])
-@pytest.mark.parametrize("turn_rate", [0.1, -0.3])
+@pytest.mark.parametrize("turn_rate", [0.1, -0.3, 0.5])
 def test_copter_motion_matches_velocity_loop_response_in_steady_turn(drag, turn_rate):
     _, own, response = flown(turn_rate, drag)
     # the learned drag has an error of some percent
