@@ -82,7 +82,7 @@ class NoiseCheck:
         if self._still.enough:
             measured = self._still.sigma
             # Use the measured sigma instead of the reported one if it is larger by this factor. The
-            # median of 60 residuals has an error of about 15 %, and 10 % outliers increase it by
+            # median of 60 residuals has an error of about 18 %, and 10 % outliers increase it by
             # half.
             if measured > 3.0 * sigma:
                 self.found = self.found or (sigma, measured)

@@ -72,7 +72,7 @@ class WhiteNoise:
 
     @property
     def enough(self) -> bool:
-        """True if there are enough residuals for an estimate."""
+        """True after ENOUGH residuals."""
         return self.count >= ENOUGH
 
     @property

@@ -69,7 +69,7 @@ CLOSEST = 1.0
 """Lower bound of the range in the state, m. At the target the direction is singular."""
 KAPPA_PSD = 1e-7
 """Process noise of kappa, 1/s. Without it, a change of the airspeed error by 10 % in ten minutes
-causes a position error of 12 m after 20 min; with it, of 2 m."""
+causes a position error of 13 m after 20 min; with it, of 2 m."""
 ACCELERATION_PSD = 1e-2
 """White noise of the measured acceleration, m^2/s^3, from vibration and delayed attitudes. The mean
 over 0.1 s has a noise of 0.3 m/s^2."""

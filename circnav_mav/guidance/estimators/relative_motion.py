@@ -29,8 +29,8 @@ MEMORY = 10.0
 """Least age, s, of the stored drift estimate from which the search restarts after a gap without
 ranges. A newer estimate may already be affected by the cause of the gap."""
 REMEMBERED = 0.01
-"""Scale of the prior distribution of the stored drift, as a share of V. With 0.03, the search after
-a gap takes three times as long."""
+"""Scale of the prior distribution of the stored drift, as a share of V. With 0.03, the search
+after a gap takes two to four times as long."""
 FORGOTTEN = 1e-3
 """Growth rate of the variance of the stored drift with its age, m^2/s^3."""
 
