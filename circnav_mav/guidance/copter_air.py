@@ -32,8 +32,6 @@ EQUAL_DRAG_SPEED = 8.0
 MAX_TRIM = 1.5
 """Bound of each integral (forward and left) of the thrust acceleration, m/s^2. It corrects an
 attitude estimate that is wrong by 9 deg."""
-MAX_SLIP = 0.6
-"""Bound of the side-slip angle, rad."""
 SCALE_BOUNDS = (0.5, 2.0)
 """Bounds of the estimated airspeed scale (true over measured airspeed) of a copter without GPS. The
 drag coefficients of copters are between 0.2/s and 1/s."""
@@ -254,8 +252,8 @@ class CopterAir:
         left = self._speeds[1].update(speed_of_drag(drag.imag, self.coefficient), step)
         if steering and 0 < step <= LONGEST_REPORT_GAP:
             self._hold(own.airspeed, scale, step)
-        # Larger side-slip angles occur only near standstill, where they have no meaning.
-        slip = clip(atan2(left, max(forward, 1e-3)), -MAX_SLIP, MAX_SLIP)
+        # Side-slip angles above 45 deg occur only near standstill, where they have no meaning.
+        slip = atan2(left, max(forward, abs(left), 1e-3))
         return own._replace(heading=own.heading + slip, airspeed=hypot(forward, left))
 
     def thrust_acceleration(self, speed: float) -> complex:
