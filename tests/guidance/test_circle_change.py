@@ -17,6 +17,8 @@ LIMITS = CircleLimits(speed=15.0, nearest=40.0, farthest=500.0)
         (CircleRequest(radius=60.0), LIMITS, ""),
         (CircleRequest(direction=Direction.COUNTERCLOCKWISE), LIMITS, ""),
         (CircleRequest(speed=16.5), LIMITS, ""),
+        (CircleRequest(offset=-29.0), LIMITS, ""),
+        (CircleRequest(offset=31.0), LIMITS, "spacing offset +31.0 m, limit 30.0 m"),
         (CircleRequest(radius=40.0), LIMITS, "radius 40 m outside 40 to 500 m"),
         (CircleRequest(radius=501.0), LIMITS, "radius 501 m outside 40 to 500 m"),
         (CircleRequest(radius=nan), LIMITS, "radius nan m outside 40 to 500 m"),

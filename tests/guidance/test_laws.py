@@ -158,12 +158,14 @@ def test_default_gain_above_bound_falls_with_lag(law, V, r_d, lag):
         # examples 1 and 2 of the paper: a loop without lag
         ("smooth", 1.0, 10.0, 0.1, 0.01),
         ("switching", 1.0, 10.0, 0.1, 0.12),  # example 3
+        ("smooth", 15.0, 100.0, 1.5, 0.35 / (2 * 100 * 15 * 1.5)),
         *((law, 15.0, 100.0, 1.0, 0.5 / 15) for law in ("feedforward", "drift", "auto")),
+        ("feedforward", 15.0, 100.0, 0.2, 6 / 100),
     ],
 )
 def test_default_gains_match_paper_and_flown_loops(law, V, r_d, lag, gain):
-    """The default gain gives k V lag = 0.5. With larger products, flown autopilots entered a limit
-    cycle."""
+    """The default gain gives k V lag = 0.5 (law 1: 2 k r_d V lag = 0.35). With larger products,
+    flown autopilots entered a limit cycle."""
     assert LAWS[law].default_gain(V, r_d, lag) == pytest.approx(gain)
 
 
