@@ -14,7 +14,7 @@ from math import copysign, exp, inf, isfinite, pi, sin
 from typing import NamedTuple
 
 from circnav_mav.guidance import lap_plan
-from circnav_mav.guidance.laws import LAWS, Kind, Law
+from circnav_mav.guidance.laws import LAWS, LEAST, Kind, Law
 from circnav_mav.guidance.maths import clip
 from circnav_mav.guidance.own_code import turn_rate_of
 from circnav_mav.guidance.turn_response import Pending
@@ -88,8 +88,7 @@ class StepSettings:
     sense: +1 counter-clockwise, -1 clockwise.
     V: speed, m/s.
     r_d: radius of the circle, m.
-    fed: input radius of the law, m, with which the vehicle settles on r_d.
-    k: signed gain. As in the paper, k > 0 flies clockwise.
+    gain: magnitude of the law's gain.
     limit: limit of the turn rate, rad/s.
     """
 
@@ -97,8 +96,7 @@ class StepSettings:
     sense: int
     V: float
     r_d: float
-    fed: float
-    k: float
+    gain: float
     limit: float
 
     @classmethod
@@ -111,11 +109,20 @@ class StepSettings:
                 " circle, not the sign of the gain, selects clockwise or counter-clockwise)"
             )
         law = LAWS[choice.name]
+        law.fed_radius(orbit.speed, orbit.radius, choice.gain)
         sense = orbit.direction.turn_sign
-        fed = law.fed_radius(orbit.speed, orbit.radius, choice.gain)
-        return cls(
-            law, sense, orbit.speed, orbit.radius, fed, -sense * choice.gain, orbit.max_turn_rate
-        )
+        return cls(law, sense, orbit.speed, orbit.radius, choice.gain, orbit.max_turn_rate)
+
+    def turn_rate(self, r: float, r_dot: float, share: float) -> float:
+        """Return the law's turn rate, rad/s. share: factor on the gain, which stays above the bound
+        of the paper's laws."""
+        law = self.law
+        least = min(self.gain, LEAST * law.gain_bound(self.V, self.r_d))
+        gain = max(share * self.gain, least)
+        fed = law.fed_radius(self.V, self.r_d, gain)
+        # As in the paper, k > 0 flies clockwise.
+        turn: float = law.function(r, r_dot, V=self.V, r_d=fed, k=-self.sense * gain)
+        return turn
 
 
 class Inputs(NamedTuple):
@@ -126,7 +133,7 @@ class Inputs(NamedTuple):
     r_dot: range rate, m/s.
     pending: commanded turn that is not flown yet.
     relative: relative motion, None if unknown.
-    share: factor on the drift law's gains.
+    share: factor on the gains.
     """
 
     time: float
@@ -253,9 +260,7 @@ def step(
     before: StepState, settings: StepSettings, inputs: Inputs
 ) -> tuple[StepState, TurnCommand]:
     """Run one guidance step. Return the new state and the turn within the limit."""
-    by_range = settings.law.function(
-        inputs.r, inputs.r_dot, V=settings.V, r_d=settings.fed, k=settings.k
-    )
+    by_range = settings.turn_rate(inputs.r, inputs.r_dot, inputs.share)
     if settings.law.flies_relative_motion:
         return _with_relative_motion(before, settings, inputs, by_range)
     return before._replace(time=inputs.time), limited(by_range, settings.limit)

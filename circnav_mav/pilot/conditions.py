@@ -332,7 +332,7 @@ def _lean_limit(view: StepView) -> Active | None:
     return Active(
         f"lean limit {lean:.0f} deg, speed cut to {view.speed:.1f} m/s",
         f"LEAN LIMIT: the copter leans {lean:.0f} deg at most, too little for"
-        f" {view.settings.orbit.speed:g} m/s in this wind: speed reduced to {view.speed:.1f} m/s",
+        f" {view.circle.speed:g} m/s in this wind: speed reduced to {view.speed:.1f} m/s",
         key=(share, lean),
     )
 

@@ -20,7 +20,7 @@ from circnav_mav.pilot.conditions import NOT_FOLLOWING
 from circnav_mav.pilot.method import MethodMonitor
 from circnav_mav.pilot.mission_state import Ending, Event, Outcome, Phase
 from circnav_mav.pilot.status_text import height_differs, overdue
-from circnav_mav.timers import Hysteresis, Since
+from circnav_mav.timers import Since
 
 if TYPE_CHECKING:
     from circnav_mav.pilot.pilot import Pilot
@@ -104,15 +104,18 @@ class Bounds:
     """End the flight if a bound of the mission is violated while steering. A bound that is violated
     before the engagement prevents it."""
 
-    def __init__(self, mission: Mission) -> None:
-        self._unchecked = Hysteresis(raise_after=mission.file.limits.coast_s)
-        """State of bounds that cannot be checked: as long as ranges, they may be missing."""
+    def __init__(self) -> None:
+        self._checked = Since()
+        """Since the newest step in which all bounds could be checked."""
 
     def __call__(self, pilot: Pilot, now: float) -> Findings:
         broken = _broken_bound(pilot, now)
         pilot.authority.broken_bound = broken
         unchecked = unwatched(pilot.settings, pilot.session, now)
-        if self._unchecked.update(bool(unchecked), now) and broken is None:
+        if not unchecked:
+            self._checked.restart(now)
+        # The values of the bounds may be missing for as long as ranges.
+        elif self._checked.age(now) >= pilot.mission.coast and broken is None:
             broken = f"bound not checked for {pilot.mission.coast:g} s: {unchecked}"
         if broken is None or not pilot.mission.steering:
             return ()
@@ -235,5 +238,5 @@ def _begin(pilot: Pilot, now: float) -> None:
 def monitors_of(mission: Mission, method: MethodMonitor) -> tuple[Monitor, ...]:
     """Return the monitors of a flight, in their order."""
     before = (link, takeover, method, time_limits)
-    after = (ground, companion, Bounds(mission), Following(), ranging, engagement)
+    after = (ground, companion, Bounds(), Following(), ranging, engagement)
     return (*before, estimate, *after)

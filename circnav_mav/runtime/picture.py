@@ -103,7 +103,7 @@ class Picture:
                 shown
             ).append("\n")
         text.right_crop()
-        title = f"{self._name}: {status.view.settings.orbit.words()}, t = {status.time:.1f} s"
+        title = f"{self._name}: {status.view.circle.words()}, t = {status.time:.1f} s"
         return Panel(
             text, title=title, subtitle=HOW_TO_STOP, border_style=_style(status), width=self._width
         )

@@ -50,6 +50,21 @@ def test_steering_turns_at_v_over_r_on_settled_radius(choice, r, demanded):
     assert Steering(other, choice)(estimate(r)).demanded == pytest.approx(-demanded, rel=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("lowered", "same"),
+    [
+        (LawChoice("feedforward", 0.02), LawChoice("feedforward", 0.01)),
+        # law 1 keeps 1.2 times its bound of 1/(2 r_d^2)
+        (LawChoice("smooth", 1e-4), LawChoice("smooth", 6e-5)),
+        (LawChoice("smooth", 5.5e-5), LawChoice("smooth", 5.5e-5)),
+    ],
+)
+def test_limit_cycle_lowers_gain_of_laws_on_range(lowered, same):
+    now = estimate(1.2 * R_D, -2.0)
+    halved = Steering(ORBIT, lowered)(now, share=0.5)
+    assert halved.demanded == pytest.approx(Steering(ORBIT, same)(now).demanded)
+
+
 @pytest.mark.parametrize("gain", [0.005, 0.0025])
 def test_steering_rejects_gain_without_radius_correction(gain):
     with pytest.raises(ValueError, match=r"must be above 1/\(2 r_d\^2\) = 0\.005"):

@@ -15,7 +15,7 @@ from circnav_mav.guidance.estimators.interface import (
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
 from circnav_mav.guidance.estimators.relative_ekf import DX, DY, KAPPA, drift
 from circnav_mav.guidance.estimators.relative_filter import RelativeFilter
-from circnav_mav.guidance.estimators.tracker import KEPT, TRUSTED, Rate
+from circnav_mav.guidance.estimators.tracker import TRUSTED, Rate
 from circnav_mav.guidance.maths import Vector
 from circnav_mav.guidance.types import (
     OwnMotion,
@@ -152,10 +152,10 @@ class DriftEstimator(Estimator):
         dt, chord = _step(then, point)
         change = point.velocity_change_since(then)
         at = predict_mixture(estimate, dt, chord, own.heading, own.airspeed, change)
-        # Without ranges, the uncertainty of the prediction grows. The bounds of the estimate at the
-        # newest range apply to it.
-        bound = TRUSTED if estimate.spread < TRUSTED else KEPT
-        steers = self.ready and at.r_variance / at.r**2 + at.direction_variance < bound**2
+        # Without ranges, the uncertainty of the prediction grows. What has been added since the
+        # newest range must stay below the bound of a new estimate.
+        added = at.r_variance / at.r**2 + at.direction_variance - estimate.spread**2
+        steers = self.ready and added < TRUSTED**2
         relative = RelativeMotion(
             x=at.x,
             y=at.y,

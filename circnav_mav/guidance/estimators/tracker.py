@@ -40,7 +40,8 @@ MISSED = 0.5
 RECENT = 3.0
 """Time constant of the share of recent samples outside the gate, s."""
 MODELS = (
-    (0, 0, 0, 0, 0.4, 0.9),  # steady drift
+    (0, 0, 0, 0, 1, 0),  # steady drift
+    (0, 0, 0, 0, 0.4, 0.9),
     (3e-4, 0, 0, 0, 1, 0),  # changes slowly
     (3e-4, 0, 0, 0, 0.4, 0.9),
     (5e-2, 0, 0, 0, 1, 0),  # changes quickly
