@@ -56,6 +56,19 @@ def test_search_continues_between_first_estimate_and_next_range():
     ] == [(True, True), (True, True), (True, False)]
 
 
+def test_position_in_steady_wind_is_precise_to_two_decimeters():
+    """White range noise of 0.5 m. A filter that expects changes of the wind passes more of it to
+    the position, and so to the turn command."""
+    world = Circling(wind=(0.5, -0.3))
+    estimator = DriftEstimator(SETTINGS)
+    observe(estimator, world, 0.0, 60.0)
+    errors = []
+    for start in np.arange(60.0, 90.0, 0.5):
+        observe(estimator, world, start, start + 0.5)
+        errors.append(error(estimator, world, start + 0.45))
+    assert np.sqrt(np.mean(np.square(errors))) < 0.2
+
+
 @pytest.mark.parametrize("wrong", ["outliers", "airspeed"])
 def test_drift_estimator_tolerates_outliers_and_wrong_airspeed(wrong):
     world = Circling()
