@@ -1,4 +1,5 @@
-"""Least squares of a line with exponential forgetting, for all quantities learned in flight."""
+"""Least squares of a line with exponential forgetting: turn gain, response, drag and wind of a
+copter."""
 
 from math import exp
 from typing import Any
