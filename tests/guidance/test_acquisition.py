@@ -33,13 +33,15 @@ class Search:
     """An acquisition, and the vehicle that provides its path and ranges.
 
     speed: speed of the vehicle, m/s.
+    scale: true over measured airspeed.
     solution, seconds: the solution, and the duration of the search.
     """
 
-    def __init__(self, bearing=0.6, r=150.0, wind=WIND, speed=V, seed=0):
+    def __init__(self, bearing=0.6, r=150.0, wind=WIND, speed=V, seed=0, scale=1.0):
         self.p = np.array((r * cos(bearing), r * sin(bearing)))
         self.wind = np.array(wind)
         self.speed = speed
+        self.scale = scale
         self.heading = 0.3
         self.rng = np.random.default_rng(seed)
         self.acquisition = Acquisition(SETTINGS)
@@ -62,7 +64,7 @@ class Search:
             self.heading += turn * DT
             self.p = self.p + path + DT * self.wind
             self.seconds += DT
-            self.acquisition.observe(DT, tuple(path), self.range(outliers), SIGMA)
+            self.acquisition.observe(DT, tuple(path / self.scale), self.range(outliers), SIGMA)
             self.solution = self.acquisition.search()
             if self.solution is not None:
                 break
@@ -70,7 +72,7 @@ class Search:
 
     @property
     def truth(self):
-        return np.array((*self.p, *self.wind, 1.0))
+        return np.array((*self.p, *self.wind, self.scale))
 
     @property
     def error(self):
@@ -114,17 +116,47 @@ def test_tracking_starts_with_errors_within_stated_covariance():
 
     In Cartesian coordinates it is up to 245, because a direction error bends the range error.
     """
-    squared = []
-    for seed in range(24):
-        search = Search(bearing=seed, seed=seed).fly(30.0)
-        estimate = Tracker.located(SETTINGS, search.solution, SIGMA).estimate
-        x, y, *rest = search.truth
-        error = estimate.mean[:UNKNOWNS] - (hypot(x, y), atan2(y, x), *rest)
-        error[1] = (error[1] + pi) % (2 * pi) - pi
-        P = estimate.covariance[:UNKNOWNS, :UNKNOWNS]
-        squared.append(error @ np.linalg.solve(P, error))
+    squared = [normalized_error(Search(bearing=seed, seed=seed).fly(30.0)) for seed in range(24)]
     assert 1.0 < np.mean(squared) < 7.0
     assert np.max(squared) < 25.0
+
+
+def normalized_error(search):
+    """Return the normalized error squared at the start of the track from a solution."""
+    estimate = Tracker.located(SETTINGS, search.solution, SIGMA).estimate
+    x, y, *rest = search.truth
+    error = estimate.mean[:UNKNOWNS] - (hypot(x, y), atan2(y, x), *rest)
+    error[1] = (error[1] + pi) % (2 * pi) - pi
+    P = estimate.covariance[:UNKNOWNS, :UNKNOWNS]
+    return error @ np.linalg.solve(P, error)
+
+
+def searches(wind, scale):
+    """Return 16 searches with random directions, ranges and turn rates. wind: m/s."""
+    flown = []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        blows = rng.uniform(0, 2 * pi)
+        search = Search(
+            bearing=rng.uniform(0, 2 * pi),
+            r=rng.choice([60.0, 150.0, 300.0]),
+            wind=(wind * cos(blows), wind * sin(blows)),
+            seed=seed,
+            scale=scale,
+        )
+        flown.append(search.fly(60.0, turn=rng.choice([0.1, 0.2, 0.3])))
+    return flown
+
+
+def test_search_in_calm_air_takes_11_seconds_on_average():
+    assert np.mean([search.seconds for search in searches(0.0, 1.0)]) < 11.5
+
+
+def test_search_in_wind_with_wrong_airspeed_states_its_error():
+    """The airspeed is 10 % too low, two standard deviations of its prior."""
+    found = searches(0.3 * V, 1.1)
+    assert np.mean([search.seconds for search in found]) < 13.5
+    assert np.median([normalized_error(search) for search in found]) < 22.0
 
 
 def test_straight_flight_keeps_both_mirror_positions():
