@@ -132,6 +132,18 @@ def test_filter_update_rejects_outlier_without_state_change():
     assert np.array_equal(after.x, before.x)
 
 
+def test_airspeed_scale_stays_within_15_percent():
+    """A range error of 50 m that only the airspeed scale could explain."""
+    P = np.diag([100.0, 0, 0, 0, 1, *[0] * 7])
+    P[R, KAPPA] = P[KAPPA, R] = 9.0
+    before = hypothesis([100.0, 0, 0, 0, 1, *[0] * 7], P)
+    scales = [
+        update(before, NOISE, range_measurement(before, NOISE, z, SIGMA), 10.0)[0].x[0, KAPPA]
+        for z in (150.0, 50.0)
+    ]
+    assert scales == [1.15, 0.85]
+
+
 def test_range_rate_update_matches_textbook_with_numerical_jacobian():
     """Reference: h(x) = n.(kappa V u + d + g + e) with its Jacobian by differences, and the
     textbook update in full matrices."""

@@ -73,7 +73,7 @@ causes a position error of 13 m after 20 min; with it, of 2 m."""
 ACCELERATION_PSD = 1e-2
 """White noise of the measured acceleration, m^2/s^3, from vibration and delayed attitudes. The mean
 over 0.1 s has a noise of 0.3 m/s^2."""
-OUTLIER_SHARE = 0.1
+OUTLIER_SHARE = 0.05
 """Probability that a range or range rate is an outlier."""
 OUTLIER_SPREAD = 100.0
 """Width of the interval over which outliers of the range are uniformly distributed, m."""
