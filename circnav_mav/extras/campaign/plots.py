@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from circnav_mav.extras.campaign.figures import figures, wilson
+from circnav_mav.extras.campaign.figures import figures, known
 from circnav_mav.extras.campaign.plan import START
 from circnav_mav.report.plots import PAGE, PAPER, literal, save
 from circnav_mav.runlog.many_flights import median_interval, quantile
@@ -80,7 +80,7 @@ def _pictures(
             if key not in START and len({row[key] for row in rows}) > 1:
                 yield (
                     f"error-{re.sub(r'[^A-Za-z0-9]+', '-', key)}",
-                    partial(_against, rows, key, swept, title),
+                    partial(_against, rows, key, swept, title, points),
                 )
 
 
@@ -206,85 +206,74 @@ def _label_decades(axis: Any, values: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _against(rows: Rows, key: str, swept: Sequence[str], title: str) -> Figure:
+def _against(rows: Rows, key: str, swept: Sequence[str], title: str, points: int = 1) -> Figure:
     """Draw the error of the engaged flights, and the share of flights that kept their circle,
-    against one value.
-
-    With exactly one other swept key, each of its values has its own line.
-    """
+    against one value."""
     figure = Figure(figsize=(PAGE, 5.0), layout="constrained")
     figure.suptitle(f"{title}: error against {literal(key)}, {len(rows)} flights")
     error, share = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
-    # 8: largest number of values of a key for which a picture has a line for each value; chosen.
-    others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
-    values = [_json_or_text(row[key]) for row in rows]
-    numeric = all(
-        isinstance(value, int | float) and not isinstance(value, bool) for value in values
-    )
-    names = list(dict.fromkeys(map(str, values)))
-    x = np.array(values if numeric else [names.index(str(value)) for value in values], float)
-    lines = np.array([row[others[0]] for row in rows] if len(others) == 1 else [""] * len(rows))
-    rms = np.maximum(_numbers(rows, "rms_m"), 1e-6)  # NaN: never engaged
-    kept = np.array([row["kept"] == "true" for row in rows])
-    worlds = _worlds(rows, prod(len({row[key] for row in rows}) for key in swept))
+    by = _line_key(rows, key, swept)
+    lines = np.array([row.get(by, "") for row in rows])
     labels = list(dict.fromkeys(lines))
+    x, names, axis_label = _axis(rows, key, key in swept)
     for number, label in enumerate(labels):
-        mine = lines == label
-        color = f"C{number}" if len(labels) > 1 else LINE
+        mine = np.flatnonzero(lines == label)
         spots, parts = _binned(x[mine], key in swept)
-        engaged = [np.arange(mine.sum())[part] for part in parts]
-        engaged = [part[np.isfinite(rms[mine][part])] for part in engaged]
-        known = [rms[mine][part] for part in engaged]
-        middle = np.array([quantile(one, 0.5) for one in known])
-        bounds = [
-            median_interval(np.sort(one), len(np.unique(worlds[mine][part])))
-            for one, part in zip(known, engaged, strict=True)
-        ]
-        low, high = np.array(bounds, float).T
-        shift = 0.0 if numeric else 0.06 * (number - (len(labels) - 1) / 2)
-        style: dict[str, Any] = {
-            "color": color,
-            "marker": "o",
-            "ms": 4,
-            "lw": 1.5 if numeric else 0,
-        }
-        error.errorbar(
-            spots + shift,
-            middle,
-            [middle - low, high - middle],
-            capsize=2,
-            elinewidth=0.7,
-            label=literal(label) or "median, 95 % interval",
-            **style,
-        )
-        shares = np.array([kept[mine][part].mean() for part in parts])
-        ends = [
-            wilson(one, len(np.unique(worlds[mine][part])))
-            for one, part in zip(shares, parts, strict=True)
-        ]
-        less, more = np.array(ends, float).T
-        share.errorbar(
-            spots + shift,
-            100 * shares,
-            [100 * (shares - less), 100 * (more - shares)],
-            capsize=2,
-            elinewidth=0.7,
-            **style,
-        )
-    if not numeric:
+        if names:
+            spots = spots + 0.06 * (number - (len(labels) - 1) / 2)
+        found = [figures([rows[flight] for flight in mine[part]], points) for part in parts]
+        style = {"color": f"C{number}" if len(labels) > 1 else LINE, "lw": 0 if names else 1.5}
+        words = literal(label) or "median, 95 % interval"
+        _draw_intervals(error, spots, found, "rms_median", "rms_interval", 1, label=words, **style)
+        _draw_intervals(share, spots, found, "kept_share", "kept_interval", 100, **style)
+    if names:
         share.set_xticks(range(len(names)), [literal(name) for name in names])
     error.set_yscale("log")
-    _label_decades(error.yaxis, rms[np.isfinite(rms)])
+    _label_decades(error.yaxis, np.maximum(known(rows, "rms_m"), 1e-6))
     error.set_ylabel("RMS radius error, m\n(median, 95 % interval)")
-    error.legend(title=literal(others[0]) if len(labels) > 1 else None, fontsize=8)
-    drawn = len(np.unique(x))
-    bins = (
-        ""
-        if key in swept or drawn <= BINS
-        else f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
-    )
-    share.set(ylim=(-5, 105), ylabel="kept, %\n(95 % interval)", xlabel=literal(key) + bins)
+    error.legend(title=literal(by) if len(labels) > 1 else None, fontsize=8)
+    share.set(ylim=(-5, 105), ylabel="kept, %\n(95 % interval)", xlabel=axis_label)
     return figure
+
+
+def _line_key(rows: Rows, key: str, swept: Sequence[str]) -> str:
+    """Return the key whose values have a line each: the only other swept one. Empty if none."""
+    # 8: largest number of values of a key for which a picture has a line for each value; chosen.
+    others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
+    return others[0] if len(others) == 1 else ""
+
+
+def _axis(rows: Rows, key: str, exact: bool) -> tuple[Any, list[str], str]:
+    """Return the position of each flight on the axis of a varied value, the names of the ticks if
+    not all values are numbers, and the label."""
+    values = [_json_or_text(row[key]) for row in rows]
+    names: list[str] = []
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        names = list(dict.fromkeys(map(str, values)))
+        values = [names.index(str(value)) for value in values]
+    x = np.array(values, float)
+    label = literal(key)
+    drawn = len(np.unique(x))
+    if not exact and drawn > BINS:
+        label += f" ({drawn} drawn values, in {BINS} bins of equally many flights)"
+    return x, names, label
+
+
+def _draw_intervals(
+    axes: Any, spots: Any, found: Any, name: str, interval: str, scale: float, **style: Any
+) -> None:
+    """Draw one of the figures of each bin, with its interval."""
+    middle, low, high = scale * np.array([(one[name], *one[interval]) for one in found], float).T
+    axes.errorbar(
+        spots,
+        middle,
+        [middle - low, high - middle],
+        capsize=2,
+        elinewidth=0.7,
+        marker="o",
+        ms=4,
+        **style,
+    )
 
 
 def _binned(x: Any, exact: bool) -> tuple[Any, list[Any]]:
