@@ -294,62 +294,51 @@ def draw(folder: Path, example: Example, start: Starts, form: str = "png") -> li
     return paths
 
 
-def table(found: list[Findings]) -> str:
-    """Return predictions and results as a Markdown table."""
-    columns = [f"example {one.example.number}" for one in found]
-    rows = [
-        (
-            "law, k, law radius",
-            [f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m" for f in found],
-        ),
-        ("starts", [str(f.starts) for f in found]),
-        ("predicted radius", [f"{f.example.predicted:.5f} m" for f in found]),
-        (
-            "reached radius, least to most",
-            [f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m" for f in found],
-        ),
-        (
-            "settled: predicted radius ±5 % of r_d",
-            [f"{np.isfinite(f.settling).sum()} of {f.starts}" for f in found],
-        ),
-        ("settling, median / 95 % / worst", [_settling(f.settling) for f in found]),
-        ("r >= law radius at all times", [f"{f.outside.sum()} of {f.starts}" for f in found]),
-        ("clockwise", [f"{f.clockwise} of {f.starts}" for f in found]),
-        (
-            "enters the circle at most",
-            [f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}" for f in found],
-        ),
-        (
-            "theta_b at the end (theory: pi/2)",
-            [f"{f.bearings[0]:.4f} to {f.bearings[1]:.4f} rad" for f in found],
-        ),
-        (
-            "largest rise of the Lyapunov function",
-            ["-" if f.rise is None else f"{f.rise:.1e}" for f in found],
-        ),
-        ("k < 0: mirrored track differs by", [f"{f.mirror:.1e} m" for f in found]),
-        (
-            "k < 0: counter-clockwise",
-            [f"{f.mirrored_counterclockwise} of {min(MIRRORED, f.starts)}" for f in found],
-        ),
-    ]
-    lines = [
-        ["", *columns],
-        ["---"] * (len(columns) + 1),
-        *([name, *cells] for name, cells in rows),
-    ]
-    widths = [max(len(line[i]) for line in lines) for i in range(len(columns) + 1)]
-    return "\n".join(
-        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
-        for line in lines
-    )
-
-
 def _settling(times: Batch) -> str:
     known = times[np.isfinite(times)]
     if not len(known):
         return "never"
     return f"{np.median(known):.0f} / {np.quantile(known, 0.95):.0f} / {known.max():.0f} s"
+
+
+ROWS: dict[str, Callable[[Findings], str]] = {
+    "law, k, law radius": lambda f: f"{f.example.law}, {f.example.k:g}, {f.example.fed:.5f} m",
+    "starts": lambda f: str(f.starts),
+    "predicted radius": lambda f: f"{f.example.predicted:.5f} m",
+    "reached radius, least to most": lambda f: f"{f.reached[0]:.5f} to {f.reached[1]:.5f} m",
+    "settled: predicted radius ±5 % of r_d": lambda f: (
+        f"{np.isfinite(f.settling).sum()} of {f.starts}"
+    ),
+    "settling, median / 95 % / worst": lambda f: _settling(f.settling),
+    "r >= law radius at all times": lambda f: f"{f.outside.sum()} of {f.starts}",
+    "clockwise": lambda f: f"{f.clockwise} of {f.starts}",
+    "enters the circle at most": lambda f: (
+        f"{f.most_entries} time{'' if f.most_entries == 1 else 's'}"
+    ),
+    "theta_b at the end (theory: pi/2)": lambda f: (
+        f"{f.bearings[0]:.4f} to {f.bearings[1]:.4f} rad"
+    ),
+    "largest rise of the Lyapunov function": lambda f: "-" if f.rise is None else f"{f.rise:.1e}",
+    "k < 0: mirrored track differs by": lambda f: f"{f.mirror:.1e} m",
+    "k < 0: counter-clockwise": lambda f: (
+        f"{f.mirrored_counterclockwise} of {min(MIRRORED, f.starts)}"
+    ),
+}
+"""Rows of the table: text of the results of an example, by the name of the row."""
+
+
+def table(found: list[Findings]) -> str:
+    """Return predictions and results as a Markdown table."""
+    lines = [
+        ["", *(f"example {one.example.number}" for one in found)],
+        ["---"] * (len(found) + 1),
+        *([name, *map(text, found)] for name, text in ROWS.items()),
+    ]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |"
+        for line in lines
+    )
 
 
 def _title(example: Example) -> str:
