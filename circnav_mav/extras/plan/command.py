@@ -49,32 +49,15 @@ def print_plan(
     site = Site(
         smallest or 1.0, largest or inf, wind, 0.15 * wind if gusts is None else gusts, laps
     )
-    found: list[Candidate] = []
-    for speed in speeds or (read_mission(path, tuple(changes)).orbit.speed,):
-        changed = [*changes, *at_speed(path, speed)]
-        start = read_mission(path, tuple(changed))
-        sizes = _radii(start, site)
-        found += [
-            candidate(_with_radius(path, changed, radius), site)
-            for radius in each(f"computing circles at {speed:g} m/s", sizes, len(sizes))
-        ]
+    speeds = speeds or (read_mission(path, tuple(changes)).orbit.speed,)
+    found = list(_candidates(path, changes, speeds, site))
     best, reason = recommended(found)
     changes += at_speed(path, best.speed)
     start = _with_radius(path, changes, best.radius)
     if (words := next(fails(start), None)) is not None:
         raise Refused(f"plan {path}: no circle can be flown: {words}")
-    for line in table(start, site, found, best):
+    for line in (*table(start, site, found, best), *_recommendation(start, best, reason)):
         say(line)
-    say(f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}.")
-    height = start.file.orbit.height_above_target_m or 0.0
-    say(f"RMS without errors of height and radio: {radius_sensitivity(best.radius, height)}.")
-    if _limited(start):
-        lowered = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
-        say(f"{lowered}: at this speed the autopilot's default acceleration limit allows no more.")
-    if holds_ground_speed(start):
-        say(
-            "The autopilot holds the speed over the ground: only its lean or drive limits the wind."
-        )
     if picture is not None:
         with refusing(picture), progress(f"drawing {picture}"):
             from circnav_mav.extras.plan.picture import plot_plan
@@ -116,6 +99,17 @@ def _with_radius(path: str, changes: list[str], radius: float) -> Mission:
     return read_mission(path, (*changes, f"orbit.radius_m={radius!r}"))
 
 
+def _candidates(
+    path: str, changes: list[str], speeds: tuple[float, ...], site: Site
+) -> Iterator[Candidate]:
+    """Yield the circles of each speed. Raises Refused."""
+    for speed in speeds:
+        changed = [*changes, *at_speed(path, speed)]
+        sizes = _radii(read_mission(path, tuple(changed)), site)
+        for radius in each(f"computing circles at {speed:g} m/s", sizes, len(sizes)):
+            yield candidate(_with_radius(path, changed, radius), site)
+
+
 def _radii(start: Mission, site: Site) -> list[float]:
     """Return the radii of the candidates, m. Raises Refused if no radius fits the site."""
     wind = 0.0 if holds_ground_speed(start) else site.strongest
@@ -137,6 +131,20 @@ def _radii(start: Mission, site: Site) -> list[float]:
             f" wind with gusts the smallest radius is {least:.0f} m: lower --speed{faster}"
         )
     return list(radii(least, site))
+
+
+def _recommendation(start: Mission, best: Candidate, reason: str) -> Iterator[str]:
+    """Yield the recommended circle and its conditions."""
+    yield f"Recommended: {best.radius:g} m at {best.speed:g} m/s: {reason}."
+    height = start.file.orbit.height_above_target_m or 0.0
+    yield f"RMS without errors of height and radio: {radius_sensitivity(best.radius, height)}."
+    if _limited(start):
+        lowered = f"vehicle.max_turn_rate_deg_s = {start.file.vehicle.max_turn_rate_deg_s:g}"
+        yield f"{lowered}: at this speed the autopilot's default acceleration limit allows no more."
+    if holds_ground_speed(start):
+        yield (
+            "The autopilot holds the speed over the ground: only its lean or drive limits the wind."
+        )
 
 
 def table(start: Mission, site: Site, found: list[Candidate], best: Candidate) -> Iterator[str]:
