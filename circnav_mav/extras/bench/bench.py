@@ -13,7 +13,9 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, nullcontext
+from dataclasses import asdict
 from math import nan
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +31,7 @@ from circnav_mav.foreign import read_lines
 from circnav_mav.runlog import many_flights
 from circnav_mav.runlog.atomic_write import atomic_write, write_text
 from circnav_mav.runlog.many_flights import quantile
-from circnav_mav.runlog.metrics import turn_figures
+from circnav_mav.runlog.metrics import TurnFigures, turn_figures
 from circnav_mav.runtime import jobs
 
 Row = dict[str, Any]
@@ -193,20 +195,19 @@ def cell_of(rows: Sequence[Row], first: Sequence[Row]) -> Cell:
         return quantile(known(name), share)
 
     def mean(name: str) -> float:
-        return float(known(name).mean()) if len(known(name)) else nan
+        return _known(np.mean, known(name))
 
     rms = known("rms")
-    low, high = many_flights.median_interval(rms, n)
-    rate = known("rate_rmse")
-    less, more = many_flights.median_interval(differences, len(differences))
+    low, high = _median_interval(rms, n)
+    less, more = _median_interval(differences, len(differences))
     return Cell(
         situation=rows[0]["situation"],
         policy=rows[0]["policy"],
         flights=n,
         kept=sum(row["kept"] for row in rows),
         rms_median=quantile(rms, 0.5),
-        rms_low=nan if low is None else low,
-        rms_high=nan if high is None else high,
+        rms_low=low,
+        rms_high=high,
         rms_p95=quantile(rms, 0.95),
         rms_max=float(rms[-1]),
         peak_median=at("peak", 0.5),
@@ -223,7 +224,7 @@ def cell_of(rows: Sequence[Row], first: Sequence[Row]) -> Cell:
         turn_variation_rad_s2=at("turn_variation_rad_s2", 0.5),
         limit_cycles=sum(row["turn_limit_cycle"] for row in rows),
         range_rmse=at("range_rmse", 0.5),
-        rate_rmse=float(many_flights.rms(rate)) if len(rate) else nan,
+        rate_rmse=_known(many_flights.rms, known("rate_rmse")),
         rate_p99=at("rate_p99", 0.5),
         nees_mean=mean("nees_mean"),
         nees_in_band=mean("nees_in_band"),
@@ -231,10 +232,16 @@ def cell_of(rows: Sequence[Row], first: Sequence[Row]) -> Cell:
         nis_last=mean("nis_last"),
         consistency_flights=max(len(known("nees_last")), len(known("nis_last"))),
         difference_median=quantile(differences, 0.5),
-        difference_low=nan if less is None else less,
-        difference_high=nan if more is None else more,
+        difference_low=less,
+        difference_high=more,
         seconds=sum(row["seconds"] for row in rows),
     )
+
+
+def _median_interval(ordered: NDArray[Any], worlds: int) -> list[float]:
+    """Return the 95 % interval of the median, NaN for None."""
+    ends: list[float] = np.array(many_flights.median_interval(ordered, worlds), float).tolist()
+    return ends
 
 
 def fly_one(situation: Situation, law: str, seed: int, number: int) -> Row:
@@ -258,21 +265,21 @@ def figures(track: Track) -> Row:
     angle = end["angle"][:, None]
     right_way = bool(many_flights.right_way(angle, np.array([track.sense]))[0])
     outside = bool(r[0, 0] > 1.3 * r_d)
-    ten = two = nan
+    ideal = np.array([nan])
     if outside:
         ideal = many_flights.tangent_time(
             np.array([track.start]).T, np.array([track.heading]), np.array([track.sense]),
             V=ORBIT.speed, r_d=r_d, max_turn_rate=ORBIT.max_turn_rate,
         )  # fmt: skip
-        ten, two = (
-            float((many_flights.last_exit(track.time, r, r_d, band * r_d) / ideal)[0])
-            for band in (0.1, 0.02)
-        )
-    turn = turn_figures(track.time[late], end["command"], ORBIT)
+    ten, two = (
+        float((many_flights.last_exit(track.time, r, r_d, band * r_d) / ideal)[0])
+        for band in (0.1, 0.02)
+    )
+    no_turn = TurnFigures(nan, nan, nan, turn_limit_cycle=False)
+    turn = turn_figures(track.time[late], end["command"], ORBIT) or no_turn
     range_error = _finite(end["r_hat"] - end["r"])
     rate_error = _finite(end["r_dot_hat"] - end["r_dot"])
     nees = _finite(end["nees"])
-    nis = _finite(end["nis"])
     return {
         # 10.0: largest RMS radius error of a kept flight, m. Chosen: a tenth of the radius.
         "kept": rms < 10.0 and right_way,
@@ -284,19 +291,21 @@ def figures(track: Track) -> Row:
         "settled2": two,
         "closest": float(r.min()) if outside else nan,
         "overshoot": nan if r[0, 0] >= r_d else float(many_flights.overshoot(r, r_d)[0]),
-        "turn_std_deg_s": turn.turn_std_deg_s if turn else nan,
-        "turn_at_limit": turn.turn_at_limit if turn else nan,
-        "turn_variation_rad_s2": turn.turn_variation_rad_s2 if turn else nan,
-        "turn_limit_cycle": bool(turn and turn.turn_limit_cycle),
-        "range_rmse": float(many_flights.rms(range_error)) if len(range_error) else nan,
-        "rate_rmse": float(many_flights.rms(rate_error)) if len(rate_error) else nan,
+        **asdict(turn),
+        "range_rmse": _known(many_flights.rms, range_error),
+        "rate_rmse": _known(many_flights.rms, rate_error),
         "rate_p99": quantile(np.abs(rate_error), 0.99),
-        "nees_mean": float(nees.mean()) if len(nees) else nan,
+        "nees_mean": _known(np.mean, nees),
         # 0.0506, 7.378: band of 95 % of chi-squared with two degrees of freedom
-        "nees_in_band": float(((nees >= 0.0506) & (nees <= 7.378)).mean()) if len(nees) else nan,
-        "nees_last": float(nees[-1]) if len(nees) else nan,
-        "nis_last": float(nis[-1]) if len(nis) else nan,
+        "nees_in_band": _known(np.mean, (nees >= 0.0506) & (nees <= 7.378)),
+        "nees_last": _known(itemgetter(-1), nees),
+        "nis_last": _known(itemgetter(-1), _finite(end["nis"])),
     }
+
+
+def _known(figure: Callable[[NDArray[Any]], Any], values: NDArray[Any]) -> float:
+    """Return a figure of the values, or NaN without values."""
+    return float(figure(values)) if len(values) else nan
 
 
 def _finite(values: NDArray[Any]) -> NDArray[Any]:
