@@ -12,7 +12,7 @@ import csv
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing
 from dataclasses import asdict
 from math import nan
 from operator import itemgetter
@@ -62,22 +62,14 @@ def run(
     scheduler: str | None = None,
     resume: bool = False,
     form: str = "png",
-    quiet: bool = False,
 ) -> list[Row]:
     """Fly cells (situation and name of the policy). Return the rows of all finished flights, sorted
     by cell and number. Ctrl-C ends the flights, and the finished ones are returned.
 
     out: folder for the tables and pictures. resume: True to fly only the flights that are missing
-    in its FLIGHTS. report: called with a line for each finished cell. quiet: True to show no
-    progress. Raises BenchError, JobsError.
+    in its FLIGHTS. report: called with a line for each finished cell. Raises BenchError, JobsError.
     """
-    done: dict[tuple[str, str, int], Row] = {}
-    if out is not None:
-        done = {_key(row): row for row in read(out / FLIGHTS, seed)}
-        if done and not resume:
-            raise BenchError(f"{out}: holds flights already: --resume them, or name another --out")
-        with atomic_write(out / FLIGHTS) as fresh:
-            _append(fresh, NAMES, *(row.values() for row in done.values()))
+    done = {} if out is None else _reopen(out, seed, resume)
     wanted = {
         (situation.name, law, number): (situation, law, seed, number)
         for situation, law in cells
@@ -95,12 +87,7 @@ def run(
             report(line(table([done[key] for key in keys])[-1]))
             reported += 1
 
-    shown = (
-        nullcontext(lambda kept: None)
-        if quiet
-        else progress(len(wanted) - len(missing), len(wanted))
-    )
-    with shown as show:
+    with progress(len(wanted) - len(missing), len(wanted)) as show:
         report_finished()
         results = jobs.fly(fly_one, missing.values(), min(processes, len(missing) or 1), scheduler)
         try:
@@ -117,6 +104,17 @@ def run(
     if out is not None and rows:
         write(rows, out, form)
     return rows
+
+
+def _reopen(out: Path, seed: int, resume: bool) -> dict[tuple[str, str, int], Row]:
+    """Return the flights in the table of a folder, and write this table anew, without an incomplete
+    line. Raises BenchError."""
+    done = {_key(row): row for row in read(out / FLIGHTS, seed)}
+    if done and not resume:
+        raise BenchError(f"{out}: holds flights already: --resume them, or name another --out")
+    with atomic_write(out / FLIGHTS) as fresh:
+        _append(fresh, NAMES, *(row.values() for row in done.values()))
+    return done
 
 
 def _append(path: Path, *rows: Iterable[Any]) -> None:
