@@ -36,15 +36,7 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
     context = problem.get("ctx", {})
     given = problem.get("input")
     if kind == "extra_forbidden":
-        known = list(_table(schema, place[:-1]).model_fields)
-        anywhere = {key.rpartition(".")[2]: key for key in keys_of(schema)}
-        near = get_close_matches(place[-1], known, n=1)
-        near = near or [
-            anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)
-        ]
-        return f"{key}: unknown key, " + (
-            f"did you mean {near[0]}?" if near else f"keys of this table: {', '.join(known)}"
-        )
+        return f"{key}: unknown key, {_known_instead(place, schema)}"
     if kind == "literal_error":
         return f"{key}: {_shown(given)} is not one of {context['expected']}{_meant(given, context)}"
     if kind == "model_type":
@@ -61,6 +53,17 @@ def _one_in_words(problem: ErrorDetails, schema: type[BaseModel]) -> str:
         return f"{key}: must be {bound}, not {given:g}"
     text = problem["msg"][:1].lower() + problem["msg"][1:]
     return f"{key}: {text.removeprefix('input ')}, not {_shown(given)}{_remedy(kind, given)}"
+
+
+def _known_instead(place: list[str], schema: type[BaseModel]) -> str:
+    """Return a question with the key that was probably meant, else the keys of the table."""
+    known = list(_table(schema, place[:-1]).model_fields)
+    anywhere = {key.rpartition(".")[2]: key for key in keys_of(schema)}
+    near = get_close_matches(place[-1], known, n=1)
+    near = near or [
+        anywhere[name] for name in get_close_matches(place[-1], anywhere, n=1, cutoff=0.7)
+    ]
+    return f"did you mean {near[0]}?" if near else f"keys of this table: {', '.join(known)}"
 
 
 def _meant(given: Any, context: dict[str, Any]) -> str:
