@@ -6,6 +6,7 @@ import socket
 import termios
 from dataclasses import dataclass
 from ipaddress import IPv6Address
+from math import inf
 from typing import Any
 
 REMEDIES: dict[int | None, str] = {
@@ -29,6 +30,10 @@ class LinkError(Exception):
         self.no_peer = no_peer
 
 
+LOWEST = {"udpin": 0, "udpout": 1, "tcp": 1, "serial": 0}
+"""Smallest port, or baud rate, by the kind of the endpoint."""
+
+
 @dataclass(frozen=True, slots=True)
 class Endpoint:
     """Parsed endpoint.
@@ -48,25 +53,28 @@ def parse_endpoint(text: str) -> Endpoint:
     kind, sign, rest = text.partition(":")
     kind = {"udp": "udpin", "tcpout": "tcp"}.get(kind, kind)
     rest = rest.removeprefix("//")
-    if not sign or kind not in ("udpin", "udpout", "tcp", "serial"):
+    if not sign or kind not in LOWEST:
         raise LinkError(
             f"endpoint {text!r}: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or"
             " serial:PATH:BAUD (udp: is udpin:)"
         )
-    host, sign, port = rest.replace(",", ":").rpartition(":")
+    number = "port"
+    form = "HOST:PORT"
+    highest: float = 65535
+    if kind == "serial":
+        number = "baud rate"
+        form = "PATH:BAUD"
+        highest = inf
+    host, _, port = rest.replace(",", ":").rpartition(":")
     if kind != "serial" and ":" in host:
         host = _ipv6(host, text)
-    if not sign or not host or not port.isdecimal():
-        missing, form = ("baud rate", "PATH:BAUD") if kind == "serial" else ("port", "HOST:PORT")
-        wrong = (
-            "host is missing"
-            if port.isdecimal() and not host
-            else f"{missing} is missing or not a number"
-        )
+    wrong = "" if host else "host is missing"
+    if not port.isdecimal():
+        wrong = f"{number} is missing or not a number"
+    if wrong:
         raise LinkError(f"endpoint {text!r}: {wrong}, write {kind}:{form}")
-    lowest = 0 if kind == "udpin" else 1
-    if kind != "serial" and not lowest <= int(port) <= 65535:
-        raise LinkError(f"endpoint {text!r}: port must be {lowest} to 65535")
+    if not LOWEST[kind] <= int(port) <= highest:
+        raise LinkError(f"endpoint {text!r}: port must be {LOWEST[kind]} to {highest}")
     return Endpoint(kind, host, int(port))
 
 
