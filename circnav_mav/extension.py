@@ -5,7 +5,7 @@ in `circnav_mav/extras`. Without a package, its commands, mission tables and opt
 """
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pkgutil import iter_modules, resolve_name
@@ -67,6 +67,13 @@ def extensions() -> tuple[Extension, ...]:
 def load(reference: str) -> Any:
     """Return the object that a reference of an extension names."""
     return resolve_name(reference)
+
+
+def added_checks(kind: str, mission: Any) -> Iterator[Any]:
+    """Yield the check lines of all extensions. kind: `checks` or `preflight`."""
+    for extension in extensions():
+        for reference in getattr(extension, kind):
+            yield from load(reference)(mission)
 
 
 def flown_by(options: Mapping[str, Any]) -> Any:

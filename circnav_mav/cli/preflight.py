@@ -11,7 +11,7 @@ from circnav_mav.cli.check import (
 )
 from circnav_mav.cli.connect import link_troubles, open_links, open_signing, start_clock
 from circnav_mav.cli.exits import Exit, Refused, say
-from circnav_mav.extension import extensions, load
+from circnav_mav.extension import added_checks
 from circnav_mav.mav.check_result import Check, Grade
 from circnav_mav.preflight.checks import judge
 from circnav_mav.preflight.listener import PreflightListener
@@ -30,7 +30,8 @@ def preflight_file(
     if not 1 <= seconds <= 600:
         raise Refused(f"--seconds: must be at least 1 and at most 600, not {seconds:g}")
     mission = read_mission(path, flown_overrides(overrides, endpoint))
-    of_mission = refuse_failing(path, mission, list(Grade) if verbose else [Grade.WARN])
+    shown = list(Grade) if verbose else [Grade.WARN, Grade.FAIL]
+    of_mission = refuse_failing(path, mission, shown)
     say(f"listening on {mission.file.link.endpoint} for {seconds:g} s, no setpoint is sent ...")
     with ExitStack() as open_things:
         signing, signing_time = open_signing(mission, open_things)
@@ -43,18 +44,9 @@ def preflight_file(
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)
         clock_speed = clock.speed if isinstance(clock, AutopilotClock) else 1.0
         troubles = [Check(Grade.WARN, "endpoint", words) for words in link_troubles(links, mission)]
-    added = [
-        line
-        for extension in extensions()
-        for one in extension.preflight
-        for line in load(one)(mission)
-    ]
+    added = list(added_checks("preflight", mission))
     lines = [*judge(mission, listener, clock_speed), *troubles, *added]
-    show_checks([
-        line
-        for line in lines
-        if verbose or line.grade is not Grade.PASS or line.subject in MEASURED
-    ])  # fmt: skip
+    show_checks([line for line in lines if line.grade in shown or line.subject in MEASURED])
     failed = show_counts(path, [*of_mission, *lines])
     if mission.flies_sim:
         remedy = "set link.endpoint, or give --endpoint"

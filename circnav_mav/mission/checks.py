@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import atan, ceil, degrees, floor, inf, isfinite
 
-from circnav_mav.extension import extensions, load
+from circnav_mav.extension import added_checks
 from circnav_mav.guidance.laws import LAWS, settling_time, tolerated_drift
 from circnav_mav.guidance.margin import DESIGN_DRIFT, drift_with_margin, radius_with_margin
 from circnav_mav.guidance.own_code import OwnCodeError, StuckCodeError, turn_rate_of
@@ -35,13 +35,7 @@ def check_mission(mission: Mission) -> list[Check]:
         *(_turn_rate, _acceleration, check_ranging, _drift, _margin, _signing),
     )
     lines = [line for part in parts for line in part(mission)]
-    of_extras = (
-        line
-        for extension in extensions()
-        for check in extension.checks
-        for line in load(check)(mission)
-    )
-    return [*lines, *of_extras]
+    return [*lines, *added_checks("checks", mission)]
 
 
 def _keys(mission: Mission) -> Iterator[Check]:
