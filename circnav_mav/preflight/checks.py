@@ -34,7 +34,8 @@ def judge(mission: Mission, listener: PreflightListener, clock_speed: float = 1.
         return [Check(FAIL, "vehicle", f"no vehicle for this mission: {why}")]
     parts = (_identity, _mode, _protocol, _signing, _company, _streams, _motion, _battery)
     lines = [line for part in parts for line in part(mission, listener)]
-    lines += [*_clock(mission, listener, clock_speed), *judge_ranging(mission, listener)]
+    lines += [*_clock(mission, listener, clock_speed), _round_trip(mission, listener)]
+    lines += judge_ranging(mission, listener)
     context = parameter_context(mission, listener.session.vehicle_ids[0], listener.parameters)
     lines += _parameters(_methods(mission, listener), context)
     repeated = [text for text in listener.texts if any(word in text.lower() for word in TROUBLE)]
@@ -158,10 +159,15 @@ def _signing(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
         )
 
 
-def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+def _company(mission: Mission, listener: PreflightListener) -> list[Check]:
+    alone = "no other autopilot on the link, no other companion with our ids"
+    return list(_others(mission, listener)) or [Check(PASS, "others", alone)]
+
+
+def _others(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
+    """Yield a line for each kind of other senders."""
     session = listener.session
     ours = mission.file.link.component_id
-    second_senders = session.identity.second_senders.recent(listener.end)
     if twins := session.identity.ignored["twin"]:
         words = (
             f"{twins} frames of another companion with our component id {ours}: "
@@ -183,14 +189,10 @@ def _company(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
             f" ids {ids}"
         )
         yield Check(WARN, "others", f"{words}: give that component another id")
-    for rival in second_senders:
+    for rival in session.identity.second_senders.recent(listener.end):
         of_driver = mission.ranging_driver is not None and rival.startswith(RADIO_NAME)
         advice = "ranging.beacon_id" if of_driver else "link.peer, or sign"
         yield Check(FAIL, "others", f"{rival}; select yours by {advice}")
-    if not twins and not others and not second_senders and not peripherals:
-        yield Check(
-            PASS, "others", "no other autopilot on the link, no other companion with our ids"
-        )
 
 
 # --- telemetry
@@ -216,17 +218,22 @@ def _streams(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 
 def _without(mission: Mission, listener: PreflightListener, name: str) -> tuple[Grade, str]:
     """Return the grade of a missing or slow stream, and its reason."""
-    if name == "VFR_HUD" and (needs := _needs(mission, listener)):
-        return FAIL, f"the mission needs its {' and '.join(sorted(needs))}"
-    if name == "ATTITUDE" and mission.file.vehicle.turn_gain == "learn":
-        return FAIL, "the turn gain is learned from it"
-    for method in _methods(mission, listener) if name in ACCELERATIONS else ():
-        if method.airspeed_from_drag:
-            return FAIL, f"{method.name}: the airspeed is measured by it"
-    if name == "SYS_STATUS" and mission.file.bounds.min_battery_percent is not None:
-        return FAIL, "bounds.min_battery_percent needs it"
-    if name == mission.file.ranging.message.upper():
-        return FAIL, "the ranges arrive in it"
+    file = mission.file
+    needs = " and ".join(sorted(_needs(mission, listener)))
+    by_drag = next((one.name for one in _methods(mission, listener) if one.airspeed_from_drag), "")
+    for streams, needed, why in (
+        (("VFR_HUD",), needs, f"the mission needs its {needs}"),
+        (("ATTITUDE",), file.vehicle.turn_gain == "learn", "the turn gain is learned from it"),
+        (ACCELERATIONS, by_drag, f"{by_drag}: the airspeed is measured by it"),
+        (
+            ("SYS_STATUS",),
+            file.bounds.min_battery_percent is not None,
+            "bounds.min_battery_percent needs it",
+        ),
+        ((file.ranging.message.upper(),), True, "the ranges arrive in it"),
+    ):
+        if name in streams and needed:
+            return FAIL, why
     return WARN, _WITHOUT.get(name, "circnav requested it")
 
 
@@ -245,9 +252,8 @@ _WITHOUT = WITHOUT_STREAM | {
 
 
 def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
-    session = listener.session
     needs = _needs(mission, listener)
-    motion = session.motion.at(listener.end)
+    motion = listener.session.motion.at(listener.end)
     for name, unit in (("airspeed", "m/s"), ("altitude", "m above sea level")):
         value = getattr(motion, name)
         if value is not None:
@@ -256,16 +262,25 @@ def _motion(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
             )
         elif name not in needs:
             yield Check(PASS, name, "not received, not needed")
-        elif name == "airspeed" and listener.airspeed == 0 and not session.vehicle.armed:
-            least = LEAST_AIRSPEED * mission.facts.speed
-            words = f"0 m/s, as before take-off; a flight engages from {least:.1f} m/s on"
-            yield Check(WARN, name, words)
         else:
-            user = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
-            why = ": no VFR_HUD" if listener.airspeed is None else ""
-            if name == "airspeed" and listener.airspeed is not None and isnan(listener.airspeed):
-                why = ": VFR_HUD has none (NaN), check the airspeed sensor"
-            yield Check(FAIL, name, f"not received{why}; {user} needs it")
+            yield _missing(name, mission, listener)
+
+
+def _missing(name: str, mission: Mission, listener: PreflightListener) -> Check:
+    """Return the line of a quantity of VFR_HUD that is needed, but not received."""
+    session = listener.session
+    airspeed = listener.airspeed
+    if name == "airspeed" and airspeed == 0 and not session.vehicle.armed:
+        least = LEAST_AIRSPEED * mission.facts.speed
+        words = f"0 m/s, as before take-off; a flight engages from {least:.1f} m/s on"
+        return Check(WARN, name, words)
+    user = f"a {session.adapter.name}" if name in session.adapter.needs else "the mission"
+    why = ""
+    if airspeed is None:
+        why = ": no VFR_HUD"
+    elif name == "airspeed" and isnan(airspeed):
+        why = ": VFR_HUD has none (NaN), check the airspeed sensor"
+    return Check(FAIL, name, f"not received{why}; {user} needs it")
 
 
 def _needs(mission: Mission, listener: PreflightListener) -> frozenset[str]:
@@ -295,7 +310,6 @@ def _battery(mission: Mission, listener: PreflightListener) -> Iterator[Check]:
 def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) -> Iterator[Check]:
     reboots = listener.session.vehicle.reboots
     boot = listener.boot
-    trip = listener.session.timesync.typical
     if reboots:
         yield Check(FAIL, "clock", f"the autopilot rebooted {reboots} times during preflight")
     follows = mission.file.link.clock == "autopilot"
@@ -329,14 +343,16 @@ def _clock(mission: Mission, listener: PreflightListener, clock_speed: float) ->
             )
         else:
             yield Check(PASS, "clock", words)
-    if trip is not None:
-        most = mission.slowest_answer
-        # 0.1: round trip to the autopilot, s, above which the delay is no longer small compared to
-        # a turn lag of 0.4 s.
-        grade = PASS if trip < 0.1 else WARN if trip <= most else FAIL
-        words = f"{1000 * trip:.0f} ms (TIMESYNC), at most {1000 * most:.0f} ms"
-        yield Check(grade, "round trip", words)
-    else:
-        yield Check(
-            WARN, "round trip", "no answer to TIMESYNC: the delay of the link is not measured"
-        )
+
+
+def _round_trip(mission: Mission, listener: PreflightListener) -> Check:
+    trip = listener.session.timesync.typical
+    if trip is None:
+        words = "no answer to TIMESYNC: the delay of the link is not measured"
+        return Check(WARN, "round trip", words)
+    most = mission.slowest_answer
+    # 0.1: round trip to the autopilot, s, above which the delay is no longer small compared to a
+    # turn lag of 0.4 s.
+    grade = PASS if trip < 0.1 else WARN if trip <= most else FAIL
+    words = f"{1000 * trip:.0f} ms (TIMESYNC), at most {1000 * most:.0f} ms"
+    return Check(grade, "round trip", words)
