@@ -2,7 +2,7 @@
 
 import csv
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from math import isfinite, nan
@@ -116,36 +116,41 @@ def read_ticks(folder: Path) -> Ticks:
     decreases.
     """
     with closing(read_lines(folder / "ticks.csv")) as lines:
-        reader = csv.reader(lines)
-        header = next(reader, [])
-        words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
-        numbers = {name: array("d") for name in header if name not in WORDS}
-        if "time" not in numbers or len(words) + len(numbers) < len(header):
-            raise ValueError("has no header")
-        times = numbers["time"]
-        # Convert line by line: the text of a long flight needs ten times the memory of its numbers.
-        for line, row in enumerate(reader, 2):
-            if len(row) != len(header):
-                continue
-            try:
-                for name, cell in zip(header, row, strict=True):
-                    if name in words:
-                        words[name].append(_word(name, cell))
-                    else:
-                        numbers[name].append(_number(name, cell))
-                _check_time(times)
-            except ValueError as error:
-                raise ValueError(f"line {line}: {error}") from None
+        numbers, words = _columns(csv.reader(lines))
+    times = numbers["time"]
     count = len(times)
     if count > 1 and times[0] == times[-1]:
         raise ValueError("line 3: time: does not increase to the end")
-    missing = NAMES - set(header)
+    missing = NAMES - numbers.keys() - words.keys()
     words |= {name: [""] * count for name in missing & WORDS}
     numbers |= {name: array("d", [nan]) * count for name in missing - WORDS}
     return Ticks(
         {name: _plausible(np.array(cells)) for name, cells in numbers.items()},
         words,
     )
+
+
+def _columns(rows: Iterator[list[str]]) -> tuple[dict[str, "array[float]"], dict[str, list[str]]]:
+    """Return the columns of numbers and of text. Raises ValueError, csv.Error."""
+    header = next(rows, [])
+    words: dict[str, list[str]] = {name: [] for name in header if name in WORDS}
+    numbers = {name: array("d") for name in header if name not in WORDS}
+    if "time" not in numbers or len(words) + len(numbers) < len(header):
+        raise ValueError("has no header")
+    # Convert line by line: the text of a long flight needs ten times the memory of its numbers.
+    for line, row in enumerate(rows, 2):
+        if len(row) != len(header):
+            continue
+        try:
+            for name, cell in zip(header, row, strict=True):
+                if name in words:
+                    words[name].append(_word(name, cell))
+                else:
+                    numbers[name].append(_number(name, cell))
+            _check_time(numbers["time"])
+        except ValueError as error:
+            raise ValueError(f"line {line}: {error}") from None
+    return numbers, words
 
 
 def _word(name: str, cell: str) -> str:
