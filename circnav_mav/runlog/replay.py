@@ -84,13 +84,7 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
         while ticking and done.steps and pilot.scheduler.due < received_until and not pilot.done:
             _step(pilot, pilot.scheduler.due, done)
         if not pilot.done:
-            for link, source, frames in step.received:
-                for frame in frames:
-                    pilot.receive(frame, step.time, source, link)
-            for request in step.requests:
-                pilot.request_circle(request, step.time)
-            if step.interrupt and pilot.mission.outcome is None:
-                pilot.interrupt(step.time, step.interrupt)
+            _feed(pilot, step)
             _step(pilot, step.time, done, held_back=step.held_back)
             pilot.take_frames()
         done.was_sent += [(step.time, frame) for frame in step.sent + step.hello]
@@ -98,6 +92,17 @@ def replay(pilot: Pilot, steps: Iterable[LoopStep], *, ticking: bool = False) ->
         done.steps += 1
         done.until = step.time
     return done
+
+
+def _feed(pilot: Pilot, step: LoopStep) -> None:
+    """Give a pilot the inputs of a step."""
+    for link, source, frames in step.received:
+        for frame in frames:
+            pilot.receive(frame, step.time, source, link)
+    for request in step.requests:
+        pilot.request_circle(request, step.time)
+    if step.interrupt and pilot.mission.outcome is None:
+        pilot.interrupt(step.time, step.interrupt)
 
 
 def _step(pilot: Pilot, now: float, done: ReplayResult, *, held_back: bool = False) -> None:
