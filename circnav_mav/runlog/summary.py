@@ -14,10 +14,10 @@ from circnav_mav.runlog import metrics
 from circnav_mav.runlog.metrics import NAMES, late_figures
 from circnav_mav.runlog.ticks import Ticks, Truth
 
-NOT_OURS = frozenset(
+NOT_OURS = [
     phase.value
     for phase in (Phase.WAIT_LINK, Phase.WAIT_RANGING, Phase.READY, Phase.YIELDED, Phase.ENDED)
-)
+]
 """Phases in which circnav does not control the vehicle."""
 FIGURES = ("settled_s", "radius_mean_m", "radius_rms_error_m")
 UNRECORDED = 1.0
@@ -65,7 +65,8 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     start = inf if engaged is None else engaged
     end = ticks.end if facts.until_s is None else facts.until_s
     flown = ticks.time >= start
-    steered = np.array([phase == Phase.ENGAGED.value for phase in ticks.words["phase"]], bool)
+    phases = np.array(ticks.words["phase"], str)
+    steered = phases == Phase.ENGAGED.value
     known = flown & steered & ~np.isnan(ticks.numbers["r"])
     circles = _circles(ticks, known, facts.orbit, engaged or 0.0)
     newest = circles[-1]
@@ -78,9 +79,7 @@ def summarise(facts: FlightFacts, ticks: Ticks, truth: Truth | None) -> dict[str
     known &= ticks.time >= begun
     # Ticks in which circnav did not steer, because the operator flew or there was no link.
     # Unrecorded time is assumed to be steered.
-    without = (
-        flown[:-1] & np.array([phase in NOT_OURS for phase in ticks.words["phase"]], bool)[:-1]
-    )
+    without = (flown & np.isin(phases, NOT_OURS))[:-1]
     # Smoothness of the turn command, over the ticks over which the radius is judged.
     turn = late_figures(
         ticks.time[known],
