@@ -164,9 +164,7 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
     flight_time = view.settings.file.limits.duration_s
     orbit = view.settings.orbit
     # After the flight there are no rates. The texts then omit them.
-    frames, accepted, _, setpoints = (
-        shown(rate, "{:.1f}/s", "") for rate in view.rates or (None,) * 4
-    )
+    frames, accepted, _, setpoints = view.rates or (None,) * 4
     duration = f" of {flight_time:.0f} s" if isfinite(flight_time) else ""
     measured = shown(tick.measured_rate, ", measured {:+.2f} m/s", "")
     turn = shown(in_degrees(tick.turn_rate), "commanded {:+.1f} deg/s", "none commanded")
@@ -191,17 +189,17 @@ def status_facts(status: Status, most_reasons: int | None = None) -> dict[str, s
         "target": status.target,
         **status.added,
         "ranging": _listed(
-            accepted and f"{accepted} accepted",
+            shown(accepted, "{:.1f}/s accepted", ""),
             shown(tick.range_age, "newest {:.2f} s old", "no range yet"),
             f"stale at {view.settings.stale:.2f} s",
         ),
         "rejected": _rejections(status, most_reasons),
         "link": _listed(
-            frames and f"{frames} frames",
+            shown(frames, "{:.1f}/s frames", ""),
             shown(tick.link_age, "heartbeat {:.2f} s old", "no heartbeat yet"),
         ),
         "senders": view.trusted,
-        "setpoints": _listed(setpoints, f"{view.setpoints} total"),
+        "setpoints": _listed(shown(setpoints, "{:.1f}/s", ""), f"{view.setpoints} total"),
     }
 
 
