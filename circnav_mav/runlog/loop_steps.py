@@ -10,7 +10,7 @@ from pathlib import Path
 from pymavlink.dialects.v20 import all as dialect
 
 from circnav_mav.foreign import read_lines
-from circnav_mav.mav.codec import Decoder, Ids, ids
+from circnav_mav.mav.codec import Decoder, Ids, Message, ids
 from circnav_mav.mav.framing import V2
 from circnav_mav.pilot.loop_step import HELD_BACK, STEPS, LoopStep, requests_from
 from circnav_mav.runlog.run_folder import RunError
@@ -88,20 +88,16 @@ def check_tlog(path: Path) -> None:
         # frames slightly out of order. A larger step back means another clock.
         # 3_600_000_000: largest accepted gap, us. A larger step forward means that the clock was
         # set, for example from 1970 to the present.
-        if newest is not None and not -100_000 <= stamp - newest <= 3_600_000_000:
-            jump = (stamp - newest) / 1e6
+        before = stamp if newest is None else newest
+        if not -100_000 <= stamp - before <= 3_600_000_000:
+            jump = (stamp - before) / 1e6
             raise RunError(
                 f"{path}: its clock jumps by {jump:+.1f} s: only a tlog of one clock can be"
                 " replayed"
             )
-        newest = stamp if newest is None else max(newest, stamp)
+        newest = max(before, stamp)
         if message_id(frame) == HEARTBEAT:
-            for message in decoder.decode(frame):
-                if (
-                    message.autopilot != dialect.MAV_AUTOPILOT_INVALID
-                    and message.type != dialect.MAV_TYPE_GCS
-                ):
-                    vehicles.add(ids(message))
+            vehicles.update(map(ids, filter(_is_autopilot, decoder.decode(frame))))
     if len(vehicles) > 1:
         names = ", ".join(f"{system}/{component}" for system, component in sorted(vehicles))
         raise RunError(
@@ -109,6 +105,11 @@ def check_tlog(path: Path) -> None:
         )
     if newest is not None and (damage := find_damage(path)) is not None:
         raise RunError(f"{path}: {damage}: only an undamaged tlog can be replayed")
+
+
+def _is_autopilot(heartbeat: Message) -> bool:
+    no_autopilot = heartbeat.autopilot == dialect.MAV_AUTOPILOT_INVALID
+    return not no_autopilot and heartbeat.type != dialect.MAV_TYPE_GCS
 
 
 def tlog_steps(path: Path, ours: int) -> Iterator[LoopStep]:
