@@ -10,7 +10,7 @@ from typing import Any
 from circnav_sim.config import parse_vehicle
 from circnav_sim.vehicle import Vehicle
 
-from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, refusing, warn
 from circnav_mav.extension import extensions, load
 from circnav_mav.mav.session import Session
 from circnav_mav.mav.signing import Signing
@@ -46,7 +46,7 @@ def open_links(
             link = opened() if stop is None else _await(opened, waits, stop)
             links[name] = open_things.enter_context(closing(link))
         for trouble in links[name].troubles:
-            say(f"  WARNING    {endpoint}: {trouble}: waiting for the device")
+            warn(f"{endpoint}: {trouble}: waiting for the device")
     return links
 
 
@@ -65,7 +65,7 @@ def _await(opened: Callable[[], Link], waits: float, stop: StopRequest) -> Link:
                 raise
             if str(error) != shown:
                 shown = str(error)
-                say(f"  WARNING    {shown}: waiting")
+                warn(f"{shown}: waiting")
         wait({}, stop, RETRY)
         if stop.signal_name is not None:
             raise Refused(f"stopped by {stop.signal_name}", Exit.INTERRUPTED)

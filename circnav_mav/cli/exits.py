@@ -45,6 +45,12 @@ def say(text: str, *, styled: str = "", err: bool = False) -> None:
     click.echo(styled + "\n".join(map(printable, text.split("\n"))), err=err)
 
 
+def warn(*texts: str | None) -> None:
+    """Print a warning for each text. None and empty texts are skipped."""
+    for text in filter(None, texts):
+        say(f"  WARNING    {text}")
+
+
 def in_one_line(error: BaseException) -> str:
     """Describe an unexpected exception: the missing resource, or the error and its place in the
     program."""

@@ -22,7 +22,7 @@ from circnav_mav.cli.connect import (
     start_clock,
 )
 from circnav_mav.cli.drawing import Drawing
-from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, in_one_line, outlive_terminal, refusing, say, warn
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extension import flown_by
 from circnav_mav.foreign import read_text
@@ -80,13 +80,7 @@ def _fly_vehicle(
     Thread(target=_import_libraries, daemon=True).start()
     # From now on, a signal ends the flight, not the process.
     stop = StopRequest()
-    mission = read_mission(path, flown_overrides(overrides, endpoint, duration))
-    if speed is not None and not mission.flies_sim:
-        raise Refused(
-            "--speed: only the bundled vehicle can be simulated faster, not"
-            f" {mission.file.link.endpoint}"
-        )
-    refuse_failing(path, mission, shown=[Grade.WARN])
+    mission = _mission(path, flown_overrides(overrides, endpoint, duration), speed)
     # Refuse a bad folder before anything is opened.
     _run_folder(out, mission)
     with ExitStack() as watched_open:
@@ -142,12 +136,23 @@ def _fly_vehicle(
         *listeners.all_problems(),
         signing_time.problem if signing_time else None,
     ]
-    for problem in filter(None, (*problems, *(drawing or Drawing(folder)).draw())):
-        say(f"  WARNING    {problem}")
+    warn(*problems, *(drawing or Drawing(folder)).draw())
     stop.release()
     if crash is not None:
         raise Refused(crash, Exit.INTERNAL)
     return code
+
+
+def _mission(path: str, overrides: tuple[str, ...], speed: float | None) -> Mission:
+    """Return a mission that may be flown at this simulation speed. Raises Refused."""
+    mission = read_mission(path, overrides)
+    if speed is not None and not mission.flies_sim:
+        raise Refused(
+            "--speed: only the bundled vehicle can be simulated faster, not"
+            f" {mission.file.link.endpoint}"
+        )
+    refuse_failing(path, mission, shown=[Grade.WARN])
+    return mission
 
 
 def _import_libraries() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from circnav_sim.config import ConfigError
 
 from circnav_mav.cli.check import refuse_failing
-from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, refusing, say, warn
 from circnav_mav.cli.progress import Show, progress
 from circnav_mav.foreign import printable
 from circnav_mav.guidance.laws import LAWS
@@ -84,11 +84,12 @@ def _replay_run(log: str, other: str | None, overrides: Sequence[str], out: str 
         )
     own = str(run.folder / "mission.toml")
     parse = partial(load_mission, other) if other else partial(parse_mission, run.mission_text, own)
-    mission = _mission(other or own, parse, overrides)
+    name = other or own
+    mission = _mission(name, parse, overrides)
     # Check only a changed mission. The mission as flown may fail checks that an older version did
     # not have.
     if other or overrides:
-        refuse_failing(other or own, mission, shown=())
+        refuse_failing(name, mission, shown=())
     try:
         output_mode = OutputMode(run.output_mode)
     except ValueError:
@@ -237,8 +238,7 @@ def _say_damage(run: Run, done: ReplayResult, pilot: Pilot) -> bool:
         )
     if spoilt:
         problems.append(f"flight.tlog: {spoilt} damaged frames left out")
-    for problem in problems:
-        say(f"  WARNING    {problem}")
+    warn(*problems)
     return not (short or spoilt)
 
 

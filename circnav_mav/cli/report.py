@@ -12,7 +12,7 @@ import tomlkit
 
 from circnav_mav import __version__
 from circnav_mav.cli.drawing import LOG
-from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, refusing, say, warn
 from circnav_mav.cli.progress import progress
 from circnav_mav.cli.verdict import verdict
 from circnav_mav.extension import extensions, load
@@ -52,8 +52,7 @@ def report_run(folder: str, after_flight: bool) -> int:
                 f"{folder}: only one tick was recorded, a report needs two", Exit.NOTHING_RECEIVED
             )
         mission = _mission(run)
-        if run.damage_text is not None:
-            say(f"  WARNING    {run.damage_text}")
+        warn(run.damage_text)
         with progress("drawing flight.png and report.html"):
             _picture(run, mission)
             # The page contains the picture, so draw the page last.

@@ -7,7 +7,7 @@ from typing import Any
 
 from circnav_sim.config import ConfigError
 
-from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, refusing, say, warn
 from circnav_mav.cli.progress import flights, progress
 from circnav_mav.extras.campaign.figures import SUMMARY, summarize
 from circnav_mav.extras.campaign.fly import fly_run
@@ -53,8 +53,7 @@ def fly_campaign(
         with closing(Store(folder, campaign, resume=resume)) as store:
             say(f"{campaign.where}: {campaign.runs} flights")
             with suppress(MissionError, ConfigError):  # a run that cannot be flown has its own row
-                if note := without_effect(campaign):
-                    say(f"  WARNING    {note}")
+                warn(without_effect(campaign))
             interrupted = _fly(campaign, store, scheduler, processes)
             return _finish(campaign, store, printable(name), interrupted, form)
 
@@ -100,8 +99,7 @@ def _finish(campaign: Campaign, store: Store, name: str, interrupted: bool, form
             _print_difference(f"{value} minus {next(iter(values))}", figures)
     for failure in dict.fromkeys(row["error"] for row in rows if row["error"]):
         say(f"  ERROR      {failure}")
-    for problem in problems:
-        say(f"  WARNING    {problem}")
+    warn(*problems)
     written = [TABLE, SUMMARY, *(path.name for path in pictures)]
     say(f"  written    {store.folder}/: {', '.join(written)}")
     if interrupted:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from circnav_mav.cli.exits import Exit, Refused, refusing, say
+from circnav_mav.cli.exits import Exit, Refused, refusing, say, warn
 from circnav_mav.extras.mcap.layout import foxglove_layout
 from circnav_mav.foreign import open_file
 from circnav_mav.runlog.atomic_write import write_json
@@ -35,8 +35,7 @@ def export_run(folder: str, mcap: str | None) -> int:
                 "export --mcap needs the extra [mcap]: pip install 'circnav-mav[mcap]'"
             ) from None
     for run in runs.values():
-        if run.damage_text is not None:
-            say(f"  WARNING    {run.damage_text}")
+        warn(run.damage_text)
     say(f"{path}: " + ", ".join(f"{count} messages on {topic}" for topic, count in counts.items()))
     say(f"{layout}: layout for Foxglove (Layouts, Import from file)")
     return Exit.DONE

@@ -6,7 +6,7 @@ from itertools import groupby, pairwise
 from math import inf, isfinite
 from statistics import median, mode
 
-from circnav_mav.cli.exits import Exit, refusing, say
+from circnav_mav.cli.exits import Exit, refusing, say, warn
 from circnav_mav.guidance.white_noise import bulk_sigma
 from circnav_mav.mav.clocks import quick_span, span_speed
 from circnav_mav.preflight.listener import ReceivedRange
@@ -39,7 +39,7 @@ def watch_radio(endpoint: str, seconds: float | None) -> int:
         received = _listen(link, seconds or inf)
         for words, count in link.troubles.items():
             if count > 1:
-                say(f"  WARNING    {words} ({count} times)")
+                warn(f"{words} ({count} times)")
     return Exit.DONE if received else Exit.NOTHING_RECEIVED
 
 
@@ -58,7 +58,7 @@ def _listen(link: RadioLink, seconds: float) -> bool:
         now = clock.now()
         for words in link.troubles.keys() - shown:
             shown.add(words)
-            say(f"  WARNING    {words}")
+            warn(words)
         for reading, _ in readings:
             measured = isfinite(reading.range) and reading.range > 0
             if measured and (reading.beacon in beacons or len(beacons) < MOST_BEACONS):
