@@ -39,15 +39,21 @@ MISSED = 0.5
 """Share of recent samples outside the gate above which the filter searches again."""
 RECENT = 3.0
 """Time constant of the share of recent samples outside the gate, s."""
+SLOW = 3e-4
+"""Spectral density of the rate of change of a slowly changing drift, m^2/s^3."""
+WHITE = (1, 0)
+"""White and drifting range error of a model without a drifting error."""
+DRIFTING = (0.4, 0.9)
+"""White and drifting range error of a model whose error is mostly drifting."""
 MODELS = (
-    (0, 0, 0, 0, 1, 0),  # steady drift
-    (0, 0, 0, 0, 0.4, 0.9),
-    (3e-4, 0, 0, 0, 1, 0),  # changes slowly
-    (3e-4, 0, 0, 0, 0.4, 0.9),
-    (5e-2, 0, 0, 0, 1, 0),  # changes quickly
-    (1e-2, 0.1, 0, 0, 1, 0),  # gusts
-    (0, 0.02, 0, 0, 1, 0),  # weak gusts, or a heading that is wrong by 1 deg for seconds
-    (3e-4, 0.2, 0.03, 1, 1, 0),  # gusts and a veering wind, measured by the accelerometers
+    (0, 0, 0, 0, *WHITE),  # steady drift
+    (0, 0, 0, 0, *DRIFTING),
+    (SLOW, 0, 0, 0, *WHITE),  # changes slowly
+    (SLOW, 0, 0, 0, *DRIFTING),
+    (5e-2, 0, 0, 0, *WHITE),  # changes quickly
+    (1e-2, 0.1, 0, 0, *WHITE),  # gusts
+    (0, 0.02, 0, 0, *WHITE),  # weak gusts, or a heading that is wrong by 1 deg for seconds
+    (SLOW, 0.2, 0.03, 1, *WHITE),  # gusts and a veering wind, measured by the accelerometers
 )
 """Noise models. Columns: drift_psd (m^2/s^3), gust (as a share of V), nose (as a share of V),
 acceleration_weight, white, drifting, as in `Noise`. Only models with a steady or slowly changing
