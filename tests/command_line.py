@@ -3,13 +3,16 @@ input."""
 
 import importlib
 import json
+import os
+import pty
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -128,6 +131,32 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     # import by name, because the attribute `fly` of the package is the command
     fly = importlib.import_module("circnav_mav.cli.fly")
     monkeypatch.setattr(fly, "Drawing", lambda folder: SimpleNamespace(draw=list))
+
+
+@contextmanager
+def terminal() -> Iterator[list[bytes]]:
+    """Make standard error a terminal. The list holds the output to it, completely after the
+    block."""
+    ours, theirs = pty.openpty()
+    shown: list[bytes] = []
+
+    def receive() -> None:
+        # the read fails when the other end is closed
+        with suppress(OSError):
+            while True:
+                shown.append(os.read(ours, 1 << 16))
+
+    # a terminal that is not read would block the command
+    reader = threading.Thread(target=receive)
+    reader.start()
+    before = sys.stderr
+    with os.fdopen(theirs, "w") as sys.stderr:
+        try:
+            yield shown
+        finally:
+            sys.stderr = before
+    reader.join()
+    os.close(ours)
 
 
 @pytest.fixture

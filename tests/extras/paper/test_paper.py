@@ -17,6 +17,7 @@ from circnav_mav.extras.paper.paper import (
     study,
     table,
 )
+from tests.command_line import terminal
 
 STARTS = random_starts(24, 3)
 
@@ -88,10 +89,16 @@ def test_steady_radius_depends_on_gain():
     assert f"| {found.example.predicted:.5f} m" in table([found])
 
 
-def test_paper_command_writes_six_figures_and_table(circnav, tmp_path):
+def test_paper_command_writes_six_figures_and_table(circnav, tmp_path, monkeypatch):
+    """The command runs on a terminal, where it shows its progress."""
+    monkeypatch.setenv("TERM", "xterm")
     out = tmp_path / "paper"
-    ran = circnav("paper", "--out", out, "--starts", "1", "--format", "svg")
+    with terminal() as on_terminal:
+        ran = circnav("paper", "--out", out, "--starts", "1", "--format", "svg")
     assert "10.98684 m" in ran.done
+    for shown in ("flying the examples", "drawing the examples"):
+        assert shown in b"".join(on_terminal).decode()
+        assert shown not in ran.out
     names = {path.name for path in out.iterdir()}
     figures = {f"example_{n}_{kind}.svg" for n in (1, 2, 3) for kind in ("track", "error")}
     assert names == figures | {"table.md"}
