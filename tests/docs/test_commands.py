@@ -1,6 +1,8 @@
 """Run the commands, transcripts and drivers of the documents as printed, in an empty folder."""
 
+import importlib
 import os
+import random
 import re
 import shutil
 import signal
@@ -9,17 +11,21 @@ import subprocess
 import sys
 import threading
 import tty
+from collections import Counter, deque
+from collections.abc import Hashable
 from contextlib import suppress
+from types import SimpleNamespace
 
 import pytest
+from pymavlink import mavutil
 
+from circnav_mav.cli.connect import start_clock
 from circnav_mav.mission.load import load_mission
-from tests.process import COPTER, PATIENCE, ROOT, UNHURRIED, circnav
+from circnav_mav.pilot import RANGING
+from tests.command_line import circnav
+from tests.process import COPTER, PATIENCE, ROOT
 
-RADIO = (
-    "import random\n\ndef read_range():\n    time.sleep(0.1)\n    return random.choice((123.2,"
-    " 123.4, 123.6))\n"
-)
+__all__ = ["circnav"]
 
 ANSWER = b"+OK\r\n+ANCHOR_RCV=DAVID123,5,HELLO,40 cm,-72\r\n"
 """Response from REYAX's RYUW122 AT command guide."""
@@ -34,28 +40,75 @@ def block(page: str, language: str, coasting: str = "") -> str:
     return next(one for one in blocks(page, language) if coasting in one)
 
 
-def test_documented_driver_passes_preflight_with_documented_mission_lines(tmp_path, port):
-    driver = tmp_path / "driver.py"
-    program = block("own-vehicle", "python").replace("link = ", f"{RADIO}\nlink = ", 1)
-    driver.write_text(program.replace("14560", str(port)))
+def sent_by_driver(program: str, port: int) -> list[tuple[float, bytes]]:
+    """Run a driver on simulated time until its radio has measured 60 ranges, one every 0.1 s.
+    Return the time (s) and the datagram of each range."""
+    chance = random.Random(1)
+    now = 0.0
+    sent: list[tuple[float, bytes]] = []
+
+    def read_range() -> float:
+        nonlocal now
+        if now > 0.0:
+            sent.append((now, wire.recv(1000)))
+        if len(sent) == 60:
+            raise StopIteration
+        now += 0.1
+        return chance.choice((123.2, 123.4, 123.6))
+
+    names = {"read_range": read_range, "time": SimpleNamespace(monotonic=lambda: now)}
+    dialect = mavutil.current_dialect
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.bind(("127.0.0.1", port))
+        wire.settimeout(PATIENCE)
+        with pytest.raises(StopIteration):
+            exec(program.replace("import time\n", "", 1), names)
+    names["link"].close()
+    mavutil.set_dialect(dialect)
+    return sent
+
+
+class Radio:
+    """Ranging link that receives datagrams at simulated times."""
+
+    def __init__(self, sent: list[tuple[float, bytes]]) -> None:
+        self.troubles: Counter[str] = Counter()
+        self._sent = deque(sent)
+
+    def fileno(self) -> None:
+        """Return None: no descriptor to wait for."""
+
+    def receive(self, now: float) -> list[tuple[bytes, Hashable]]:
+        due = []
+        while self._sent and self._sent[0][0] <= now:
+            due.append((self._sent.popleft()[1], "driver"))
+        return due
+
+    def send(self, data: bytes, to: Hashable) -> None:
+        """Ignore the hello: the driver of the page only sends."""
+
+
+def test_documented_driver_passes_preflight_with_documented_mission_lines(
+    circnav, port, monkeypatch
+):
+    """Driver and preflight run in simulated time."""
+    program = block("own-vehicle", "python").replace("14560", str(port))
     ranging = block("own-vehicle", "toml", "[ranging]").replace("14560", str(port))
     lines = re.findall(r"^(\w+) = (\S+)", ranging, re.MULTILINE)
     assert len(lines) == 5
     overrides = [word for key, value in lines for word in ("--set", f"ranging.{key}={value}")]
-    radio = subprocess.Popen([sys.executable, str(driver)])
-    try:
-        with socket.socket(
-            socket.AF_INET, socket.SOCK_DGRAM
-        ) as wire:  # wait until the driver sends
-            wire.bind(("127.0.0.1", port))
-            wire.settimeout(PATIENCE)
-            wire.recv(1000)
-        preflight = circnav("preflight", COPTER, *overrides, "--seconds", "3", "-v", *UNHURRIED)
-        printed, problem = preflight.communicate(timeout=PATIENCE)
-    finally:
-        radio.terminate()
-        radio.wait(PATIENCE)
-    assert preflight.returncode == 0, printed + problem
+    sent = sent_by_driver(program, port)
+
+    def start(mission, session, links):
+        links.pop(RANGING)  # the opened port, which would make simulated time follow real time
+        clock = start_clock(mission, session, links)
+        links[RANGING] = Radio(sent)
+        return clock
+
+    # import by name, because the attribute `preflight` of the package is the command
+    command = importlib.import_module("circnav_mav.cli.preflight")
+    monkeypatch.setattr(command, "start_clock", start)
+    printed = circnav("preflight", COPTER, *overrides, "--seconds", "3", "-v").done
     lines_after = printed.split("listening")[1]
     for subject in ("ranging", "rejected", "noise", "stamps"):
         assert re.search(rf"^PASS  {subject} ", lines_after, re.MULTILINE), printed
