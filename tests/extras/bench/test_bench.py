@@ -186,7 +186,8 @@ def test_benchmark_stops_when_its_output_closes():
     shown = []
     began = time.monotonic()
     calm = SITUATIONS["calm"]
-    cells = [(calm, "smooth"), *((replace(calm, name=f"calm {n}"), "auto") for n in range(100))]
+    short = replace(SHORT, name="short", duration=101.0)
+    cells = [(short, "smooth"), *((replace(calm, name=f"calm {n}"), "auto") for n in range(100))]
     with pytest.raises(BrokenPipeError):
         run(cells, flights=1, report=show, processes=2)
     assert [line.split()[1] for line in shown] == ["smooth"]
