@@ -11,7 +11,7 @@ from circnav_mav import bench, campaign
 from tests.process import ROOT
 
 
-@pytest.mark.parametrize("flights", [2, pytest.param(6, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("flights", [1, pytest.param(6, marks=pytest.mark.nightly)])
 def test_notebook_that_compares_own_law_runs_completely(flights, monkeypatch):
     """The notebook itself flies 6 flights of each law."""
     shown = []
