@@ -52,6 +52,7 @@ MODELS = (
     (SLOW, 0, 0, 0, *DRIFTING),
     (5e-2, 0, 0, 0, *WHITE),  # changes quickly
     (1e-2, 0.1, 0, 0, *WHITE),  # gusts
+    (0, 0.08, 0, 0, *WHITE),  # gusts in a steady wind
     (0, 0.02, 0, 0, *WHITE),  # weak gusts, or a heading that is wrong by 1 deg for seconds
     (SLOW, 0.2, 0.03, 1, *WHITE),  # gusts and a veering wind, measured by the accelerometers
 )
