@@ -144,11 +144,12 @@ def fly(seed, wind, errors, accelerations):
         pytest.param(steady, drifting, False, 1.4, 3.0, {1: 0.3, 3: 0.3}, id="drifting ranges"),
         pytest.param(wandering(1e-3), white, False, 1.9, 3.0, {2: 0.47}, id="slowly changing"),
         pytest.param(wandering(5e-2), white, False, 6.35, 3.3, {4: 0.6}, id="quickly changing"),
-        pytest.param(gusty(0.02 * V), white, False, 2.9, 2.5, {6: 0.5}, id="weak gusts"),
-        pytest.param(gusty(0.05 * V), white, False, 5.7, 2.0, {4: 0.5}, id="gusts"),
-        pytest.param(gusty(0.1 * V), white, False, 11.0, 3.0, {5: 0.7}, id="strong gusts"),
-        pytest.param(gusty(0.05 * V), white, True, 2.68, 2.0, {7: 0.9}, id="measured gusts"),
-        pytest.param(gusty(0.2 * V), white, True, 7.5, 4.0, {7: 0.9}, id="measured storm"),
+        pytest.param(gusty(0.02 * V), white, False, 2.9, 2.5, {7: 0.5}, id="weak gusts"),
+        pytest.param(gusty(0.05 * V), white, False, 5.7, 2.0, {4: 0.4, 6: 0.3}, id="gusts"),
+        pytest.param(gusty(0.08 * V), white, False, 8.6, 2.4, {6: 0.4}, id="medium gusts"),
+        pytest.param(gusty(0.1 * V), white, False, 11.0, 3.0, {5: 0.55}, id="strong gusts"),
+        pytest.param(gusty(0.05 * V), white, True, 2.68, 2.0, {8: 0.9}, id="measured gusts"),
+        pytest.param(gusty(0.2 * V), white, True, 7.5, 4.0, {8: 0.9}, id="measured storm"),
     ],
 )
 def test_noise_model_of_each_wind_leads(
