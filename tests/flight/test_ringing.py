@@ -201,3 +201,12 @@ def test_slow_limit_cycle_is_ended_by_reduced_gains(monkeypatch: pytest.MonkeyPa
     assert alarms[0] < 45.0
     assert unrest(flown) < 2.0 and rms_error(last_third(flown), 45.0) < 1.0
     assert clockwise_turns(flown.truths) > 1.0
+
+
+def test_limit_cycle_of_law_on_range_is_ended_by_reduced_gain() -> None:
+    """The default gain of `feedforward` is 0.024 rad/m here. With 0.12 rad/m, the command is at its
+    limit for 80 % of the time and the radius error is 11 m, unless the gain is reduced."""
+    gain = "guidance.gain=0.12", 'guidance.estimator="kalman"'
+    flown = flight("arduplane", *gain, law="feedforward").fly(90)
+    assert any(b"limit cycle, gains reduced" in data for _, data in flown.sent)
+    assert unrest(flown) < 4.0 and rms_error(last_third(flown), 150.0) < 3.0
