@@ -370,26 +370,14 @@ class ExternalPosition:
         # Treat an unknown status as a valid position: never send a position to an autopilot that
         # may still have its own.
         if good is None or good:
-            self._lost_since = None
-            self._waits = False
-            self._open = False
-            self._lacks = ""
-            if self.given and not self.over:
-                self.ended = (
-                    "the autopilot has a position again"
-                    if good
-                    else "GPS or EKF status is not received"
-                )
+            self._pause(
+                "the autopilot has a position again"
+                if good
+                else "GPS or EKF status is not received"
+            )
             return None
         self._lost_since = now if self._lost_since is None else self._lost_since
-        if self._waits and now - self.given[-1].time > ANSWER_PATIENCE:
-            self._waits, self._silent, self._due = (
-                False,
-                self._silent + 1,
-                max(self._due, now + ANSWER_PATIENCE),
-            )
-            if self._silent >= MOST_SILENT:
-                self._end("the autopilot does not answer")
+        self._watch_answer(now)
         # 2.0: time for which the autopilot must lack a position before the first one is handed
         # back, s.
         if self.over or self._waits or now - self._lost_since < 2.0 or now < self._due:
@@ -415,6 +403,25 @@ class ExternalPosition:
         self.ended = "going on"
         self._lacks = ""
         return position_estimate(latitude, longitude, sigma, target, now, now - where.time)
+
+    def _pause(self, why: str) -> None:
+        """Send no position until the autopilot lacks one again. why: human-readable."""
+        self._lost_since = None
+        self._waits = False
+        self._open = False
+        self._lacks = ""
+        if self.given and not self.over:
+            self.ended = why
+
+    def _watch_answer(self, now: float) -> None:
+        """Stop waiting for an answer after a time. After several missing answers, stop sending."""
+        if not self._waits or now - self.given[-1].time <= ANSWER_PATIENCE:
+            return
+        self._waits = False
+        self._silent += 1
+        self._due = max(self._due, now + ANSWER_PATIENCE)
+        if self._silent >= MOST_SILENT:
+            self._end("the autopilot does not answer")
 
     def answered(self, message: Message, us: tuple[int, int], now: float) -> None:
         """Process a COMMAND_ACK of the vehicle. us: own system and component id."""
