@@ -109,14 +109,17 @@ class StepSettings:
                 " circle, not the sign of the gain, selects clockwise or counter-clockwise)"
             )
         law = LAWS[choice.name]
+        # Raises ValueError here, before the flight, if the gain is too small for a correction.
         law.fed_radius(orbit.speed, orbit.radius, choice.gain)
         sense = orbit.direction.turn_sign
         return cls(law, sense, orbit.speed, orbit.radius, choice.gain, orbit.max_turn_rate)
 
     def turn_rate(self, r: float, r_dot: float, share: float) -> float:
-        """Return the law's turn rate, rad/s. share: factor on the gain, which stays above the bound
-        of the paper's laws."""
+        """Return the law's turn rate, rad/s. share: factor on the gain, below 1 after a limit
+        cycle."""
         law = self.law
+        # The paper's laws converge only with a gain above their bound. So a reduction ends at LEAST
+        # times the bound, and never raises a gain that the mission chose below it.
         least = min(self.gain, LEAST * law.gain_bound(self.V, self.r_d))
         gain = max(share * self.gain, least)
         fed = law.fed_radius(self.V, self.r_d, gain)
@@ -133,7 +136,7 @@ class Inputs(NamedTuple):
     r_dot: range rate, m/s.
     pending: commanded turn that is not flown yet.
     relative: relative motion, None if unknown.
-    share: factor on the gains.
+    share: factor on the law's gains.
     """
 
     time: float

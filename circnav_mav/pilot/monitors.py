@@ -14,7 +14,6 @@ from pymavlink.dialects.v20.all import MAV_SEVERITY_WARNING
 from circnav_mav.mav.clocks import UNANSWERED
 from circnav_mav.mav.session import LOST_AFTER
 from circnav_mav.mav.vehicle_state import Change
-from circnav_mav.mission.mission import Mission
 from circnav_mav.pilot.authority import unwatched
 from circnav_mav.pilot.conditions import NOT_FOLLOWING
 from circnav_mav.pilot.method import MethodMonitor
@@ -235,7 +234,7 @@ def _begin(pilot: Pilot, now: float) -> None:
     session.announcer.say("engage", f"{how}, {pilot.controller.circle.label}")
 
 
-def monitors_of(mission: Mission, method: MethodMonitor) -> tuple[Monitor, ...]:
+def monitors_of(method: MethodMonitor) -> tuple[Monitor, ...]:
     """Return the monitors of a flight, in their order."""
     before = (link, takeover, method, time_limits)
     after = (ground, companion, Bounds(), Following(), ranging, engagement)

@@ -91,7 +91,7 @@ class Pilot:
             for kind in frozenset().union(*(one.reads for one in listeners))
         }
         """Receivers of the vehicle's messages, by message type."""
-        self._monitors = monitors_of(settings, self.method)
+        self._monitors = monitors_of(self.method)
 
     # --- input: received messages
 

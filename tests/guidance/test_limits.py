@@ -1,4 +1,5 @@
-"""Bank limit of a plane and lean limit of a copter, from reports of one maneuver each."""
+"""Bank limit of a plane and lean limit of a copter, each found from the reports of a simulated
+turn."""
 
 from collections.abc import Callable
 from math import inf, pi, radians, sin, tan

@@ -49,7 +49,7 @@ def steady(rng):
 
 
 def wandering(psd):
-    """Return a wind whose rate of change is white noise, m^2/s^3."""
+    """Return a random walk of the wind. psd: spectral density of its rate of change, m^2/s^3."""
 
     def wind(rng):
         kicks = rng.normal(0, sqrt(psd * STEP), (SIZE, 2)) @ (1, 1j)
@@ -59,7 +59,7 @@ def wandering(psd):
 
 
 def gusty(sigma):
-    """Return a wind with gusts, m/s."""
+    """Return a steady wind with gusts of standard deviation sigma, m/s, along each axis."""
 
     def wind(rng):
         return steady(rng) + smooth(rng, sigma) + 1j * smooth(rng, sigma)

@@ -113,7 +113,8 @@ def disturbance(seed, size, sigma, time):
 
 
 def learned(commands, angles, *, expected=0.5, noise=0.005, seed=0, link=0.0):
-    """Return times (s) of the bins, and the response as learned at each of these times.
+    """Return the times (s) at which the learner has received a bin, and the learned response at
+    each of them.
 
     expected: delay of the mission, s.
     noise: standard deviation of the reported headings, rad.
@@ -199,8 +200,9 @@ def test_response_hardly_changes_in_noisy_weak_turns():
 
 
 def test_response_follows_change_of_load_on_circle():
-    """The delay doubles from 0.4 to 0.8 s, on a circle in wind and gusts. With half of the memory,
-    gusts disturb the known delay. With twice the memory, the change takes more than 4 min."""
+    """After 3 min on a circle in wind and gusts, the delay of the vehicle rises from 0.4 to 0.9 s.
+    With half of the memory, gusts disturb the learned delay before the change. With twice the
+    memory, the new delay is not learned within 4 min."""
     time = seconds(480.0)
     commands = np.where(time < 14.0, approach(time), windy_circle(time))
     commands = commands + disturbance(0, time.size, 0.02, 2.0)
@@ -216,8 +218,8 @@ def test_response_follows_change_of_load_on_circle():
 
 
 def test_large_turn_at_roll_rate_limit_changes_response_little():
-    """A large turn saturates the roll rate, so its delay is larger than that of the turns on the
-    circle, to which the gains belong."""
+    """The roll rate is limited, so a large turn has a longer delay than the small turns on the
+    circle. The gains must fit the small turns."""
     time = seconds(60.0)
     commands = np.where(time < 14.0, 0.5 * approach(time), windy_circle(time))
     commands = commands + disturbance(5, time.size, 0.02, 2.0)

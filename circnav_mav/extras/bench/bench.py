@@ -107,8 +107,8 @@ def run(
 
 
 def _reopen(out: Path, seed: int, resume: bool) -> dict[tuple[str, str, int], Row]:
-    """Return the flights in the table of a folder, and write this table anew, without an incomplete
-    line. Raises BenchError."""
+    """Return the finished flights of a folder. Their table is written again, because its last line
+    may be incomplete. Raises BenchError."""
     done = {_key(row): row for row in read(out / FLIGHTS, seed)}
     if done and not resume:
         raise BenchError(f"{out}: holds flights already: --resume them, or name another --out")

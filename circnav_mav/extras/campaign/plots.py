@@ -237,7 +237,8 @@ def _against(rows: Rows, key: str, swept: Sequence[str], title: str, points: int
 
 
 def _line_key(rows: Rows, key: str, swept: Sequence[str]) -> str:
-    """Return the key whose values have a line each: the only other swept one. Empty if none."""
+    """Return the other swept key if there is exactly one, else an empty string. The picture has a
+    line for each of its values."""
     # 8: largest number of values of a key for which a picture has a line for each value; chosen.
     others = [other for other in swept if other != key and len({row[other] for row in rows}) <= 8]
     return others[0] if len(others) == 1 else ""

@@ -42,9 +42,10 @@ RECENT = 3.0
 SLOW = 3e-4
 """Spectral density of the rate of change of a slowly changing drift, m^2/s^3."""
 WHITE = (1, 0)
-"""White and drifting range error of a model without a drifting error."""
+"""Range error of a model with white noise alone: white and drifting part, in units of sigma."""
 DRIFTING = (0.4, 0.9)
-"""White and drifting range error of a model whose error is mostly drifting."""
+"""Range error of a model for radios whose error changes slowly: white and drifting part, in units
+of sigma."""
 MODELS = (
     (0, 0, 0, 0, *WHITE),  # steady drift
     (0, 0, 0, 0, *DRIFTING),
