@@ -10,7 +10,8 @@ which this time has jumped. A reboot, a pause or a wrap causes a jump."""
 SPAN = 2.0
 """Newest real time over which the autopilot's clock speed is measured, s."""
 SHORTEST_SPAN = 0.25
-"""Shortest real time from which the autopilot's clock speed is computed, s."""
+"""Shortest real time from which the autopilot's clock speed is computed, s. The first messages are
+not used for as long."""
 # Bounds of the autopilot's clock speed, autopilot seconds per real second. A measured speed beyond
 # them is caused by a wrong timestamp and is limited.
 SLOWEST = 0.01
@@ -74,7 +75,7 @@ class AutopilotClock(Clock):
         """boot_time: returns the newest received time since boot, s, or None before the first."""
         super().__init__(speed)
         self._boot_time = boot_time
-        self._local = self._now = 0.0
+        self._local = self._now = self._began = 0.0
         self._received: deque[tuple[float, float]] = deque()
         self._measured = False
 
@@ -100,6 +101,12 @@ class AutopilotClock(Clock):
             if step < 0 or (self._measured and abs(step - expected) > OUT_OF_STEP):
                 self._received.clear()
                 self._measured = False
+        if not self._received:
+            self._began = self._local
+        elif self._local - self._began < SHORTEST_SPAN:
+            # The first messages have waited while circnav started, and arrive together. They would
+            # make the autopilot's clock appear fast.
+            self._received.clear()
         self._received.append((self._local, boot))
         self._measure()
 

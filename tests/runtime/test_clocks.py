@@ -133,6 +133,14 @@ def test_autopilot_clock_runs_in_real_time_before_first_message(autopilot, speed
     assert autopilot.run(20.0, every=1.0) == pytest.approx(20.0 * speed, rel=0.02)
 
 
+def test_autopilot_clock_keeps_its_speed_while_waiting_messages_arrive(autopilot):
+    """While circnav started, the messages of 1 s have waited. All arrive within 0.1 s."""
+    late = lambda: 10 * (100.1 - autopilot.boot)  # noqa: E731
+    autopilot.run(0.1, every=0.01, late=late)
+    for _ in range(5):
+        assert autopilot.run(1.0) == pytest.approx(1.0, abs=0.02)
+
+
 def test_autopilot_clock_has_no_long_term_drift(autopilot):
     """The speed of the simulator varies by 10 %, and its messages are late. After 1500 s the error
     of the clock is below 1 s."""
