@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from circnav_mav.api import Guidance, tune
-    from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+    from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
     from circnav_mav.guidance.step import LawChoice
     from circnav_mav.guidance.types import (
         Direction,
@@ -36,7 +36,6 @@ __all__ = [
     "Driver",
     "Estimator",
     "EstimatorSettings",
-    "Fused",
     "Guidance",
     "LawChoice",
     "LineDriver",

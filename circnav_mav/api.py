@@ -11,7 +11,7 @@ from math import inf, isfinite, pi
 from typing import Any
 
 from circnav_mav.guidance.closed_loop import ClosedLoop
-from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
 from circnav_mav.guidance.own_code import NameTable
@@ -122,7 +122,7 @@ class Guidance:
         stepped = newest is not None and abs(sample.stamp - newest.stamp) > LONGEST_GAP
         if stepped or self._is_far(sample.time):
             self._restart()
-        if self._estimator.observe(sample) is Fused.GATED:
+        if not self._estimator.observe(sample):
             return False
         self._newest = sample
         return True

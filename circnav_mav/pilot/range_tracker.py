@@ -5,7 +5,6 @@ from collections.abc import Hashable
 from math import pi, sqrt
 from statistics import median
 
-from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.range_noise import NoiseCheck
 from circnav_mav.guidance.types import (
@@ -106,7 +105,7 @@ class RangeTracker:
             return False
         sample, count = merged
         jumped = self.jumps.rejects(sample, self._reference())
-        if jumped or self.estimator.observe(sample) is Fused.GATED:
+        if jumped or not self.estimator.observe(sample):
             self.ranging.reject(Reject.GATED, count)
             return False
         self.accepted += count

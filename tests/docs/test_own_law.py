@@ -97,11 +97,11 @@ def test_user_estimator_with_own_motion_starts_on_hovering_copter(tmp_path):
 
 def test_outcome_names_motion_when_user_estimator_gates_without(modules):
     (modules / "late.py").write_text(
-        "from ekf import Bank, Fused\n"
+        "from ekf import Bank\n"
         "class Late(Bank):\n"
         "    ready = False\n"
         "    def observe(self, sample):\n"
-        "        return Fused.GATED if self.own is None else super().observe(sample)\n"
+        "        return False if self.own is None else super().observe(sample)\n"
     )
     flight = recorded_flight(
         modules / "run", "quickstart", "guidance.estimator=late:Late", "link.wait_s=2"

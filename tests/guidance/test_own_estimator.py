@@ -8,7 +8,7 @@ import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from circnav_mav import Direction, Guidance, Orbit
-from circnav_mav.guidance.estimators.interface import Estimator, Fused
+from circnav_mav.guidance.estimators.interface import Estimator
 from circnav_mav.guidance.estimators.range_rate import acceleration_variance, motion_model
 from circnav_mav.guidance.estimators.table import ESTIMATORS
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample
@@ -40,7 +40,7 @@ class Unscented(Estimator):
         self._measure(sample.time, 0, sample.r, sample.sigma)
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        return Fused.ACCEPTED
+        return True
 
     def observe_rate(self, sample):
         self._measure(sample.time, 1, sample.r_dot, sample.sigma)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from circnav_mav.guidance.estimators.interface import EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import EstimatorSettings
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate, steady_state
 from circnav_mav.guidance.types import RangeSample, RateSample
 
@@ -24,7 +24,7 @@ def settled(r=300.0, r_dot=-6.0, sigma=0.5, count=60, period=0.1):
     """Return a filter after ideal ranges of a straight flight, and the time of the last range."""
     kalman = KalmanRangeRate(SETTINGS)
     for i in range(count):
-        assert kalman.observe(sample(i * period, r + r_dot * i * period, sigma)) is Fused.ACCEPTED
+        assert kalman.observe(sample(i * period, r + r_dot * i * period, sigma))
     return kalman, (count - 1) * period
 
 
@@ -96,7 +96,7 @@ def test_range_rate_filter_matches_filterpy_with_uneven_steps(rates):
             reference.step(step, rate, sigma, H=[[0.0, 1.0]])
         else:
             z = true + sigma * rng.normal()
-            assert kalman.observe(sample(now, z, sigma)) is Fused.ACCEPTED
+            assert kalman.observe(sample(now, z, sigma))
             assert kalman.nis == pytest.approx(reference.step(step, z, sigma), rel=1e-3, abs=1e-6)
         reference.expects(kalman.at(now))
     before = kalman.at(now).r_dot
@@ -132,7 +132,7 @@ def test_range_rate_gate_rejects_beyond_five_sigma(
     ahead = kalman.at(last + 0.1)
     outside = abs(sigmas) > 5
     off = sigmas * (ahead.r_sigma**2 + 0.5**2) ** 0.5
-    assert observe(kalman, last, [ahead.r + off]) == [Fused.GATED if outside else Fused.ACCEPTED]
+    assert observe(kalman, last, [ahead.r + off]) == [not outside]
     after = kalman.at(last + 0.1)
     assert (abs(after.r - ahead.r) < 1e-6, after.r_dot == ahead.r_dot) == (outside, outside)
     assert kalman.nis == pytest.approx(sigmas**2, rel=1e-6)
@@ -144,14 +144,14 @@ def test_range_rate_filter_predicts_through_scattered_outliers():
     good sample between two runs of consistent outliers discards the first run."""
     kalman, last = settled()
     before = kalman.at(last).r
-    assert observe(kalman, last, [900.0, 5.0] * 20) == [Fused.GATED] * 40
+    assert observe(kalman, last, [900.0, 5.0] * 20) == [False] * 40
     assert kalman.ready
     assert kalman.at(last + 4.0).r == pytest.approx(before - 24.0, abs=0.4)
     kalman, last = settled()
     good = kalman.at(last + 0.5).r
     assert (
         observe(kalman, last, [900.0] * 4 + [good] + [900.0] * 4)
-        == [Fused.GATED] * 4 + [Fused.ACCEPTED] + [Fused.GATED] * 4
+        == [False] * 4 + [True] + [False] * 4
     )
 
 
@@ -161,20 +161,15 @@ def test_range_rate_filter_restarts_only_with_consistent_samples(apart, agree):
     difference of two samples, 3.5 m."""
     kalman, last = settled()
     results = observe(kalman, last, [900.0 - apart * i for i in range(5)])
-    assert results == [Fused.GATED] * 4 + [Fused.ACCEPTED if agree else Fused.GATED]
+    assert results == [False] * 4 + [agree]
 
 
 def test_range_rate_filter_restarts_after_five_consistent_samples():
     kalman, last = settled()
-    assert observe(kalman, last, [900.0 - 0.6 * i for i in range(1, 6)]) == [Fused.GATED] * 4 + [
-        Fused.ACCEPTED
-    ]
+    assert observe(kalman, last, [900.0 - 0.6 * i for i in range(1, 6)]) == [False] * 4 + [True]
     assert kalman.at(last + 0.5).r == pytest.approx(897.0)
     assert not kalman.ready, "no rate estimate after a restart"
-    assert (
-        observe(kalman, last + 0.5, [897.0 - 0.6 * i for i in range(1, 15)])
-        == [Fused.ACCEPTED] * 14
-    )
+    assert observe(kalman, last + 0.5, [897.0 - 0.6 * i for i in range(1, 15)]) == [True] * 14
     assert kalman.ready
     assert kalman.at(last + 1.9).r_dot == pytest.approx(-6.0, abs=1.0)
 
@@ -203,7 +198,7 @@ def test_range_rate_filter_reset_discards_state():
     kalman, last = settled()
     kalman.reset()
     assert (kalman.at(last), kalman.nis, kalman.ready) == (None, None, False)
-    assert observe(kalman, last, [77.0]) == [Fused.ACCEPTED]
+    assert observe(kalman, last, [77.0]) == [True]
     assert kalman.at(last + 0.1).r == 77.0
 
 

@@ -8,7 +8,6 @@ from math import cos, hypot, sin, sqrt
 import numpy as np
 import pytest
 
-from circnav_mav.guidance.estimators.interface import Fused
 from circnav_mav.guidance.estimators.relative_ekf import GX, GY, KAPPA
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator, DriftEstimator
 from circnav_mav.guidance.maths import wrap
@@ -97,8 +96,8 @@ def test_filter_accepts_ranges_again_during_new_search(make):
     for t in np.arange(30.0, 33.0, 0.05):
         estimator.move(world.motion(t))
         results.append(estimator.observe(world.range(t)))
-    lost = results.index(Fused.ACCEPTED)
-    assert 0 < lost < 55 and Fused.GATED not in results[lost + 1 :]
+    lost = results.index(True)
+    assert 0 < lost < 55 and False not in results[lost + 1 :]
     if make is AutoEstimator:
         assert lost < 10
         assert estimator.at(33.0).r == pytest.approx(hypot(*world.offset(33.0)), abs=3.0)
@@ -111,7 +110,7 @@ def test_estimator_auto_needs_no_heading_but_drift_does():
     drift = DriftEstimator(SETTINGS)
     auto = AutoEstimator(SETTINGS)
     for t in np.arange(0, 5, 0.05):
-        assert drift.observe(world.range(t)) is Fused.ACCEPTED
+        assert drift.observe(world.range(t))
         auto.observe(world.range(t))
     assert not drift.ready and drift.at(5.0) is None
     assert auto.ready and auto.at(5.0).relative is None
@@ -120,7 +119,7 @@ def test_estimator_auto_needs_no_heading_but_drift_does():
 def test_drift_estimator_rejects_late_and_repeated_samples():
     world, estimator = converged(DriftEstimator, 30.0, still)
     before = estimator.at(29.95)
-    assert [estimator.observe(world.range(t)) for t in (29.95, 29.0)] == [Fused.GATED] * 2
+    assert [estimator.observe(world.range(t)) for t in (29.95, 29.0)] == [False] * 2
     assert estimator.at(29.95) == before
 
 
@@ -274,7 +273,7 @@ def test_filter_is_ready_only_with_own_motion():
     rng = np.random.default_rng(5)
     nonsense = [RangeSample(t, t, rng.uniform(30, 600), 0.5) for t in np.arange(31.0, 32.4, 0.05)]
     results = [estimator.observe(sample) for sample in nonsense]
-    assert results.count(Fused.GATED) > 0.8 * len(results)
+    assert results.count(False) > 0.8 * len(results)
     observe(estimator, world, 32.4, 33.4)
     assert estimator.drift.ready
 

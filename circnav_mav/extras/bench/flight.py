@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from circnav_mav.api import Guidance, tune
 from circnav_mav.extras.bench.situations import LAST, ORBIT, TURN_LAG, Ranging, RateNoise, Situation
-from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
 from circnav_mav.guidance.estimators.relative_motion import AutoEstimator
 from circnav_mav.guidance.estimators.table import ESTIMATORS, default_estimator
 from circnav_mav.guidance.laws import LAWS
@@ -314,8 +314,8 @@ class FullInformation(Estimator):
     def __init__(self, world: World) -> None:
         self._world = world
 
-    def observe(self, sample: RangeSample) -> Fused:
-        return Fused.ACCEPTED
+    def observe(self, sample: RangeSample) -> bool:
+        return True
 
     def observe_rate(self, sample: RateSample) -> None:
         return

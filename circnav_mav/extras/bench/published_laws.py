@@ -8,7 +8,7 @@ the delay of the loop in s.
 
 from math import copysign, inf, sqrt, tanh
 
-from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
 from circnav_mav.guidance.laws import max_range_acceleration, rate_gain
 from circnav_mav.guidance.types import Orbit, OwnLaw, RangeEstimate, RangeSample
 
@@ -115,7 +115,7 @@ class SlidingMode(Estimator):
     def ready(self) -> bool:
         return self._count >= self._settings.min_samples
 
-    def observe(self, sample: RangeSample) -> Fused:
+    def observe(self, sample: RangeSample) -> bool:
         # 1.0: longest Euler step, s, chosen. After a longer gap the estimate starts again.
         if self._newest is None or not 0 < sample.time - self._newest.time <= 1.0:
             self.reset()
@@ -128,7 +128,7 @@ class SlidingMode(Estimator):
             self._r_dot -= copysign(1.1 * L * dt, miss)
         self._newest = sample
         self._count += 1
-        return Fused.ACCEPTED
+        return True
 
     def at(self, time: float) -> RangeEstimate | None:
         if self._newest is None:

@@ -1,17 +1,9 @@
 """Interface of the estimators of range, range rate and relative motion."""
 
 from dataclasses import dataclass
-from enum import Enum
 from typing import Protocol, runtime_checkable
 
 from circnav_mav.guidance.types import OwnMotion, RangeEstimate, RangeSample, RateSample
-
-
-class Fused(Enum):
-    """Result of adding a sample: accepted, or rejected by the gate."""
-
-    ACCEPTED = "accepted"
-    GATED = "gated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +63,9 @@ class Estimator(Protocol):
     def nis(self) -> float | None:
         """Normalized innovation squared of the newest sample, or None before the second sample."""
 
-    def observe(self, sample: RangeSample) -> Fused:
-        """Add a sample, with its range rate if it has one, or reject it."""
+    def observe(self, sample: RangeSample) -> bool:
+        """Add a sample, with its range rate if it has one. Return True if it was accepted, False if
+        it was rejected, for example by a gate."""
 
     def observe_rate(self, sample: RateSample) -> None:
         """Add a measured range rate, which may arrive between ranges. Range rates are used only in

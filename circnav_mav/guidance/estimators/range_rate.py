@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
 from circnav_mav.guidance.laws import max_range_acceleration
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
@@ -77,7 +77,7 @@ class KalmanRangeRate(Estimator):
         begun = self._samples == 0 or (self._samples == 1 and self._refused == 0)
         return None if begun else self._nis
 
-    def observe(self, sample: RangeSample) -> Fused:
+    def observe(self, sample: RangeSample) -> bool:
         """Add a sample, or reject it at the gate. Timestamps must increase from call to call.
 
         If several consecutive samples are outside the gate but agree with each other, the filter is
@@ -97,7 +97,7 @@ class KalmanRangeRate(Estimator):
         self._newest = self._refused_range = sample
         if sample.rate is not None:
             self.observe_rate(sample.rate)
-        return Fused.GATED if self._refused else Fused.ACCEPTED
+        return self._refused == 0
 
     def observe_rate(self, sample: RateSample) -> None:
         """Add a range rate, unless it is older than the newest sample. A rate outside the gate is

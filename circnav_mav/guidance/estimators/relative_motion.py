@@ -9,7 +9,6 @@ from circnav_mav.guidance.estimators.dead_reckoning import FlownPath, PathPoint,
 from circnav_mav.guidance.estimators.interface import (
     Estimator,
     EstimatorSettings,
-    Fused,
     MethodChange,
 )
 from circnav_mav.guidance.estimators.range_rate import KalmanRangeRate
@@ -85,21 +84,21 @@ class DriftEstimator(Estimator):
         if self.filter.tracker is None:
             self._used = None
 
-    def observe(self, sample: RangeSample) -> Fused:
+    def observe(self, sample: RangeSample) -> bool:
         point = self._path.at(sample.time)
         before = self._used
         if point is None:
             # Own motion is unknown at the time of this range: the vehicle may not follow its
             # commands.
             self._astray = True
-            return Fused.ACCEPTED
+            return True
         if before is not None and point.piece != before.piece:
             self._restart(sample.time)
             before = None
         if before is not None and (
             sample.time <= self._range_at or sample.time < before.motion.time
         ):
-            return Fused.GATED
+            return False
         self._range_at = sample.time
         start = before or point
         change = None if before is None else point.velocity_change_since(before)
@@ -112,7 +111,7 @@ class DriftEstimator(Estimator):
         if sample.rate is not None:
             self.observe_rate(sample.rate)
         tracker = self.filter.tracker
-        return Fused.GATED if tracker is not None and tracker.refused else Fused.ACCEPTED
+        return tracker is None or not tracker.refused
 
     def observe_rate(self, sample: RateSample) -> None:
         """Add a range rate, unless it is older than the newest sample. The search uses ranges
@@ -244,12 +243,12 @@ class AutoEstimator(Estimator):
     def fly_through_air(self, change: MethodChange) -> None:
         self.drift.fly_through_air(change)
 
-    def observe(self, sample: RangeSample) -> Fused:
+    def observe(self, sample: RangeSample) -> bool:
         """Add a sample. It is accepted if `drift` is ready and accepts it. Otherwise `kalman`
         decides, because `drift` rejects correct ranges while its position is wrong."""
         by_drift = self.drift.observe(sample)
         by_range = self.kalman.observe(sample)
-        return by_range if by_drift is Fused.GATED or not self.drift.ready else by_drift
+        return (by_drift and self.drift.ready) or by_range
 
     def observe_rate(self, sample: RateSample) -> None:
         self.drift.observe_rate(sample)

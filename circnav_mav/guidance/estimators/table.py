@@ -4,7 +4,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings, Fused
+from circnav_mav.guidance.estimators.interface import Estimator, EstimatorSettings
 from circnav_mav.guidance.own_code import NameTable, checked
 from circnav_mav.guidance.types import RangeEstimate, RangeSample, RateSample
 
@@ -35,10 +35,10 @@ class MeasuredRate(Estimator):
             and abs(self._range.time - self._rate.time) <= APART
         )
 
-    def observe(self, sample: RangeSample) -> Fused:
+    def observe(self, sample: RangeSample) -> bool:
         self._range = sample
         self._rate = sample.rate or self._rate
-        return Fused.ACCEPTED
+        return True
 
     def observe_rate(self, sample: RateSample) -> None:
         self._rate = sample
