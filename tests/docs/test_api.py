@@ -185,6 +185,7 @@ def test_guidance_uses_estimate_of_user_estimator():
 
         def observe(self, sample):
             self.sample = sample
+            return True
 
         def move(self, own):
             pass

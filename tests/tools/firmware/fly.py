@@ -216,7 +216,7 @@ def write_mission(flown: Flight, path: Path, port: int, target_altitude: float) 
     mission.pop("sim", None)
     mission["link"]["endpoint"] = f"udpin:{LOOPBACK}:{port}"
     if flown.what.firmware == BEHIND_PX4:
-        # SIH runs at 95 to 99 % of real time.
+        # SIH runs at 95 to 99 % of real time, and old ranges would be rejected.
         mission["link"]["clock"] = "autopilot"
     mission["vehicle"]["speed_mps"] = flown.speed
     mission["orbit"]["radius_m"] = flown.radius
